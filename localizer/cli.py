@@ -1,0 +1,158 @@
+"""The command ``localizer``."""
+
+import datetime
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import NoReturn
+
+import click
+
+from localizer import command_line
+from localizer.bundle import frame_image, load_bundle
+from localizer.dem import load_dem
+from localizer.dem_file import VERTICAL_UNITS
+from localizer.dem_info import dem_info, info_fields, info_text, suspect_zeros, zeros_note
+from localizer.errors import SkyfixError
+from localizer.report import load_truth, report
+
+PICTURE_SUFFIXES = (".png", ".jpg", ".svg", ".pdf")
+
+
+def main() -> NoReturn:
+    """Entry point of the program."""
+    command_line.run(localizer, "localizer")
+
+
+def dem_options(command: Callable[..., object]) -> Callable[..., object]:
+    """What a person may have to say about elevation files that do not say it themselves."""
+    for option in (
+        click.option(
+            "--nodata", type=float, metavar="VALUE", help="A further value that means void, as --nodata 0."
+        ),
+        click.option(
+            "--crs", metavar="CRS", help="The grid's CRS, where the file does not say it, as EPSG:4326."
+        ),
+        click.option(
+            "--vertical-unit", type=click.Choice(list(VERTICAL_UNITS)), help="The unit of the elevations."
+        ),
+    ):
+        command = option(command)
+    return command
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+def localizer() -> None:
+    """Find out where pictures of the horizon were taken.
+
+    Example: localizer locate bundles/20261123T043151Z-3f9a --dem terrain.tif
+    """
+
+
+@localizer.command()
+@click.argument("bundle_path", metavar="BUNDLE", type=click.Path(path_type=Path))
+@click.option(
+    "--dem",
+    "dem_paths",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    required=True,
+    multiple=True,
+    help="Elevation file; repeat it for files that adjoin.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print the fix as one JSON object (skyfix.fix/1).")
+@click.option(
+    "--plot",
+    "plot_path",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="Draw the frames, the map and the fix (.png, .svg, .pdf).",
+)
+@click.option(
+    "--truth",
+    "truth_path",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="JSON file with the true place, to compare with; the search does not see it.",
+)
+@dem_options
+def locate(
+    bundle_path: Path,
+    dem_paths: tuple[Path, ...],
+    as_json: bool,
+    plot_path: Path | None,
+    truth_path: Path | None,
+    vertical_unit: str | None,
+    crs: str | None,
+    nodata: float | None,
+) -> int:
+    """Find the place in the DEM from which the frames of BUNDLE were taken.
+
+    Ends with status 0 if one place stands out, 3 if several do, 4 if the frames fit no place, and 2 if the input
+    is bad.
+
+    Example: localizer locate bundles/20261123T043151Z-3f9a --dem terrain.tif --plot fix.png
+    """
+    if plot_path is not None:
+        _check_plot_path(plot_path)
+    truth = load_truth(truth_path) if truth_path is not None else None
+    bundle = load_bundle(bundle_path)
+    dem = load_dem(dem_paths, vertical_unit=vertical_unit, crs=crs, nodata=nodata)
+    zeros = suspect_zeros(dem.z_m)
+    if zeros:
+        click.echo(f"localizer: {zeros_note(zeros)}", err=True)
+
+    from localizer.locate import locate_bundle  # slow to import, and bad input should be told at once
+
+    result = locate_bundle(bundle, dem)
+    click.echo(result.fix.to_json() if as_json else report(result.fix, dem, truth))
+    if plot_path is not None:
+        from localizer.plot import draw_fix
+
+        images = {frame.label: frame_image(bundle, frame) for frame in bundle.frames}
+        draw_fix(plot_path, images, result, dem, truth)
+    return result.fix.exit_status
+
+
+@localizer.group()
+def dem() -> None:
+    """Look at elevation models.
+
+    Example: localizer dem info N44W072.hgt
+    """
+
+
+@dem.command()
+@click.argument("paths", metavar="FILE...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@click.option(
+    "--date",
+    type=click.DateTime(["%Y-%m-%d"]),
+    help="Date of the magnetic declination; today unless given.",
+)
+@dem_options
+def info(
+    paths: tuple[Path, ...],
+    as_json: bool,
+    date: datetime.datetime | None,
+    vertical_unit: str | None,
+    crs: str | None,
+    nodata: float | None,
+) -> None:
+    """Say what is in an elevation model: grid, CRS, extent, elevations, voids, units and norths.
+
+    Several files are taken as one.
+
+    Example: localizer dem info N44W072.hgt N44W073.hgt
+    """
+    model = load_dem(paths, vertical_unit=vertical_unit, crs=crs, nodata=nodata)
+    facts = dem_info(model, date.date() if date else datetime.datetime.now(datetime.UTC).date())
+    click.echo(json.dumps(info_fields(model, facts)) if as_json else info_text(model, facts))
+
+
+def _check_plot_path(path: Path) -> None:
+    """Before the search rather than after it."""
+    if path.suffix.lower() not in PICTURE_SUFFIXES:
+        raise SkyfixError(f"--plot: {path}: no picture format; name it {', '.join(PICTURE_SUFFIXES)}")
+    if not path.parent.is_dir():
+        raise SkyfixError(f"--plot: {path}: no such folder: {path.parent}")

@@ -1,0 +1,89 @@
+"""Coordinate reference systems: the few things about them that the rest needs, whatever the system."""
+
+from functools import lru_cache
+
+import numpy as np
+from affine import Affine
+from numpy.typing import ArrayLike, NDArray
+from pyproj import CRS, Transformer
+
+WGS84 = CRS.from_epsg(4326)
+
+
+@lru_cache(maxsize=64)
+def transformer(source: CRS, target: CRS) -> Transformer:
+    """From ``source`` to ``target``; x (east, or longitude) always comes first."""
+    return Transformer.from_crs(source, target, always_xy=True)
+
+
+def lattice_xy(
+    transform: Affine, row: ArrayLike, col: ArrayLike
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """x, y of lattice positions: cell centres at whole numbers; ``transform`` counts from cells' corners."""
+    row, col = np.asarray(row, np.float64), np.asarray(col, np.float64)
+    x, y = transform.a * (col + 0.5) + transform.c, transform.e * (row + 0.5) + transform.f
+    x, y = np.broadcast_arrays(x, y)
+    return np.array(x), np.array(y)
+
+
+def transform_xy(
+    source: CRS, target: CRS, x: ArrayLike, y: ArrayLike
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Coordinates in ``target``, elementwise; infinite where the systems have no common ground."""
+    x, y = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
+    if source == target:
+        return x.copy(), y.copy()
+    to_x, to_y = transformer(source, target).transform(x, y)
+    return np.asarray(to_x, np.float64), np.asarray(to_y, np.float64)
+
+
+def own_lonlat_deg(crs: CRS, x: ArrayLike, y: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Longitude and latitude in degrees on the CRS's own datum: those in which its geodesics run.
+
+    Longitudes count from the datum's own prime meridian.
+    """
+    geographic = geographic_crs(crs)
+    lon, lat = transform_xy(crs, geographic, x, y)
+    degrees = degrees_per_unit(geographic)
+    return lon * degrees, lat * degrees
+
+
+def own_xy(
+    crs: CRS, lon_deg: ArrayLike, lat_deg: ArrayLike
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The inverse of ``own_lonlat_deg``."""
+    geographic = geographic_crs(crs)
+    degrees = degrees_per_unit(geographic)
+    return transform_xy(geographic, crs, np.asarray(lon_deg) / degrees, np.asarray(lat_deg) / degrees)
+
+
+def degrees_per_unit(geographic: CRS) -> float:
+    """1.0, except that some geographic CRS count in grads."""
+    # by name, because pi / 180 converted back need not be exactly 1
+    factor = geographic.axis_info[0].unit_conversion_factor
+    return 1.0 if geographic.axis_info[0].unit_name == "degree" else float(np.degrees(factor))
+
+
+@lru_cache(maxsize=64)
+def geographic_crs(crs: CRS) -> CRS:
+    """The two-dimensional geographic CRS that ``crs`` stands on; itself if it is geographic."""
+    geographic = crs if crs.is_geographic else crs.geodetic_crs
+    if geographic is None:
+        raise ValueError(f"{crs.name} has no geodetic datum")
+    return geographic.to_2d()
+
+
+def is_metric(crs: CRS) -> bool:
+    """Whether the CRS is a map projection in metres."""
+    return bool(crs.is_projected) and all(axis.unit_conversion_factor == 1.0 for axis in crs.axis_info)
+
+
+def utm_crs(lon_deg: float, lat_deg: float) -> CRS:
+    """The WGS84 UTM zone of a place, by longitude alone (none of the exceptions around Norway)."""
+    zone = int((lon_deg + 180.0) % 360.0 // 6.0) + 1
+    return CRS.from_epsg((32600 if lat_deg >= 0.0 else 32700) + zone)
+
+
+def short_name(crs: CRS) -> str:
+    """``EPSG:26910`` where the CRS has such a code, else its WKT."""
+    return crs.to_string()

@@ -1,0 +1,201 @@
+"""One elevation file as it lies on disk: opened by rasterio, brought to metres, north up, voids as NaN."""
+
+import math
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import rasterio
+from affine import Affine
+from numpy.typing import NDArray
+from pyproj import CRS
+from pyproj.exceptions import CRSError
+from rasterio.errors import NotGeoreferencedWarning, RasterioError
+
+from localizer.crs import WGS84, transform_xy
+from localizer.errors import SkyfixError
+
+LOWEST_M, HIGHEST_M = -500.0, 9000.0
+"""Elevations outside are voids: no land lies lower or higher, but undeclared nodata values do."""
+
+MAX_CELLS = 250_000_000
+
+VERTICAL_UNITS = {"m": 1.0, "ft": 0.3048, "us-ft": 1200.0 / 3937.0}
+"""Metres in one unit, by the names that ``--vertical-unit`` takes."""
+
+_UNIT_NAMES = {
+    "m": ("m", "metre", "metres", "meter", "meters"),
+    "ft": ("ft", "foot", "feet", "international foot", "foot (international)"),
+    "us-ft": ("us-ft", "ftus", "us survey foot", "us survey feet", "foot_us", "foot us", "sfoot"),
+}
+
+
+class DemError(SkyfixError):
+    """A DEM that cannot be used: what is wrong, in which file, and what to do."""
+
+
+@dataclass(frozen=True)
+class DemFile:
+    """What a file says about itself."""
+
+    path: Path
+    driver: str
+    shape: tuple[int, int]
+    dtype: str
+    pixel_is: str
+    """"point" or "area", as the file declares; the transform already accounts for it."""
+    vertical_unit: str
+    """A key of ``VERTICAL_UNITS``."""
+    vertical_unit_from: str
+    """Who said so: "option", "band", "CRS" or "assumed"."""
+    voids: int
+
+
+@dataclass(frozen=True)
+class Tile:
+    """A file's elevations in metres, (rows, cols) float32, row 0 northernmost, voids NaN."""
+
+    z_m: NDArray[np.float32]
+    transform: Affine
+    crs: CRS
+    """Horizontal."""
+    file: DemFile
+
+
+def read_tile(path: Path, vertical_unit: str | None, crs: str | None, nodata: float | None) -> Tile:
+    """Read one file; the three options take precedence over what the file says. Raises ``DemError``."""
+    path = Path(path)
+    if not path.exists():
+        raise DemError(f"{path}: no such file")
+    if path.is_dir():
+        raise DemError(f"{path}: is a directory, not an elevation file")
+    try:
+        with warnings.catch_warnings(), rasterio.Env(GTIFF_REPORT_COMPD_CS=True):
+            warnings.simplefilter("ignore", NotGeoreferencedWarning)  # said more clearly below
+            with rasterio.open(path) as dataset:
+                return _tile_of(dataset, path, vertical_unit, crs, nodata)
+    except RasterioError as error:
+        raise DemError(f"{path}: not an elevation raster that can be read ({error})") from None
+
+
+def _tile_of(
+    dataset: rasterio.DatasetReader,
+    path: Path,
+    vertical_unit: str | None,
+    crs: str | None,
+    nodata: float | None,
+) -> Tile:
+    _check_layout(dataset, path)
+    stated_crs = _crs_of(dataset, path, crs)
+    unit, unit_from = _vertical_unit(dataset, path, stated_crs, vertical_unit)
+    raw = dataset.read(1, masked=True)
+    z_m = raw.astype(np.float64).filled(np.nan)
+    if nodata is not None:
+        z_m[z_m == nodata] = np.nan
+    z_m = (z_m * dataset.scales[0] + dataset.offsets[0]) * VERTICAL_UNITS[unit]
+    with np.errstate(invalid="ignore"):
+        z_m[~((z_m >= LOWEST_M) & (z_m <= HIGHEST_M))] = np.nan
+    voids = int(np.count_nonzero(np.isnan(z_m)))
+    if voids == z_m.size:
+        raise DemError(f"{path}: all void, no cell has an elevation between {LOWEST_M:g} and {HIGHEST_M:g} m")
+    z_m, transform = _north_up(z_m, dataset.transform)
+    return Tile(
+        z_m=np.ascontiguousarray(z_m, np.float32),
+        transform=transform,
+        crs=stated_crs.to_2d(),
+        file=DemFile(
+            path=path,
+            driver=dataset.driver,
+            shape=(dataset.height, dataset.width),
+            dtype=dataset.dtypes[0],
+            pixel_is=str(dataset.tags().get("AREA_OR_POINT", "Area")).lower(),
+            vertical_unit=unit,
+            vertical_unit_from=unit_from,
+            voids=voids,
+        ),
+    )
+
+
+def _check_layout(dataset: rasterio.DatasetReader, path: Path) -> None:
+    if dataset.count != 1:
+        raise DemError(f"{path}: has {dataset.count} bands, but an elevation model has one")
+    if np.dtype(dataset.dtypes[0]).kind not in "iuf":
+        raise DemError(f"{path}: holds {dataset.dtypes[0]} values, which are no elevations")
+    rows, cols = dataset.shape
+    if rows * cols > MAX_CELLS:
+        raise DemError(f"{path}: {rows} x {cols} cells are too many; cut the area out with gdalwarp -te")
+    transform = dataset.transform
+    if transform.is_identity or transform.a == 0.0 or transform.e == 0.0:
+        raise DemError(f"{path}: is not georeferenced (no north-up grid origin and spacing)")
+    # a hundredth of a cell across the whole file is rounding, not rotation
+    if abs(transform.b) * rows > 0.01 * abs(transform.a) or abs(transform.d) * cols > 0.01 * abs(transform.e):
+        raise DemError(f"{path}: its grid is rotated; make it north-up with gdalwarp")
+
+
+def _crs_of(dataset: rasterio.DatasetReader, path: Path, option: str | None) -> CRS:
+    if option is None and not dataset.crs:
+        raise DemError(
+            f"{path}: does not say its coordinate reference system; name it with --crs, as EPSG:4326"
+        )
+    try:
+        crs = CRS.from_user_input(option if option is not None else dataset.crs.to_wkt())
+    except CRSError:
+        where = "--crs" if option is not None else str(path)
+        raise DemError(f"{where}: not a coordinate reference system: {option or dataset.crs}") from None
+    if not (crs.is_geographic or crs.is_projected):
+        raise DemError(f"{path}: {crs.name} is neither geographic nor projected; name another with --crs")
+    return crs if option is not None else _named(crs, dataset)
+
+
+def _named(crs: CRS, dataset: rasterio.DatasetReader) -> CRS:
+    """The CRS as EPSG lists it where that is the same one; USGS DEMs, for one, do not name theirs."""
+    code = crs.to_epsg()
+    if code is None or len(crs.axis_info) != 2:
+        return crs
+    listed = CRS.from_epsg(code)
+    corners = dataset.bounds
+    x, y = [corners.left, corners.right], [corners.bottom, corners.top]
+    same = np.allclose(transform_xy(crs, WGS84, x, y), transform_xy(listed, WGS84, x, y), rtol=0.0, atol=1e-9)
+    return listed if same else crs
+
+
+def _vertical_unit(
+    dataset: rasterio.DatasetReader, path: Path, crs: CRS, option: str | None
+) -> tuple[str, str]:
+    if option is not None:
+        if option not in VERTICAL_UNITS:
+            raise DemError(f"--vertical-unit: {option} is not one of {', '.join(VERTICAL_UNITS)}")
+        return option, "option"
+    band_unit = dataset.units[0]
+    if band_unit:
+        for unit, names in _UNIT_NAMES.items():
+            if band_unit.strip().lower() in names:
+                return unit, "band"
+        raise DemError(f"{path}: its vertical unit {band_unit!r} is unknown; name it with --vertical-unit")
+    for axis in crs.axis_info:
+        if axis.direction in ("up", "down"):
+            for unit, metres in VERTICAL_UNITS.items():
+                if axis.direction == "up" and math.isclose(axis.unit_conversion_factor, metres, rel_tol=1e-9):
+                    return unit, "CRS"
+            raise DemError(
+                f"{path}: its vertical axis ({axis.direction}, {axis.unit_name}) is unknown; "
+                "name the unit of the elevations with --vertical-unit"
+            )
+    if crs.is_projected and any(axis.unit_conversion_factor != 1.0 for axis in crs.axis_info):
+        raise DemError(
+            f"{path}: its grid is in {crs.axis_info[0].unit_name} but the vertical unit is not stated; "
+            "name it with --vertical-unit"
+        )
+    return "m", "assumed"
+
+
+def _north_up(z_m: NDArray[np.float64], transform: Affine) -> tuple[NDArray[np.float64], Affine]:
+    """Row 0 northernmost and column 0 westernmost."""
+    rows, cols = z_m.shape
+    if transform.e > 0.0:
+        z_m, transform = z_m[::-1], transform @ Affine(1, 0, 0, 0, -1, rows)
+    if transform.a < 0.0:
+        z_m, transform = z_m[:, ::-1], transform @ Affine(-1, 0, cols, 0, 1, 0)
+    # what the check above took for rounding
+    return z_m, Affine(transform.a, 0.0, transform.c, 0.0, transform.e, transform.f)

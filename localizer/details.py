@@ -1,0 +1,47 @@
+"""What the search knows beyond the fix itself: enough to draw it, to explain it and to test it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from localizer.fix import Fix
+
+
+@dataclass(frozen=True)
+class FrameDetail:
+    """One frame's skylines, in pixels of the frame as recorded (pixel centres at whole numbers)."""
+
+    label: str
+    found_u_px: NDArray[np.float64]
+    """(n,) columns in which a skyline was found in the image."""
+    found_v_px: NDArray[np.float64]
+    """(n,) its row there."""
+    used: NDArray[np.bool_]
+    """(n,) whether the search used the point (it may be too doubtful)."""
+    predicted_u_px: NDArray[np.float64]
+    """(m,) columns of the terrain's horizon as seen from the fix; empty when there is no fix."""
+    predicted_v_px: NDArray[np.float64]
+    """(m,) its row there; may lie outside the image."""
+
+
+@dataclass(frozen=True)
+class LocateDetails:
+    """How a fix came about."""
+
+    frames: tuple[FrameDetail, ...]
+    """In the order of the bundle's frames."""
+    survivors: Mapping[str, NDArray[np.int64]]
+    """Cells (row, col), each (n, 2), that were left after each step of stage 1, in the order of the steps:
+    first "altitude", then the frames' labels as they were searched."""
+    candidates_rowcol: NDArray[np.float64]
+    """(k, 2) row and col of the fix's candidates, in the fix's order."""
+
+
+@dataclass(frozen=True)
+class LocateResult:
+    """What ``localizer.locate.locate_bundle`` returns."""
+
+    fix: Fix
+    details: LocateDetails

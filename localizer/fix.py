@@ -1,0 +1,92 @@
+"""The fix, ``skyfix.fix/1``: where the camera stood, how sure that is, and what the search did for it."""
+
+from typing import Annotated, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+Probability = Annotated[float, Field(ge=0.0, le=1.0)]
+Status = Literal["fix", "ambiguous", "none"]
+
+EXIT_STATUS: dict[Status, int] = {"fix": 0, "ambiguous": 3, "none": 4}
+"""What ``localizer locate`` ends with."""
+
+
+class _Part(BaseModel):
+    """Immutable, finite numbers only, and no field that the contract does not know."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Position(_Part):
+    """A place: in a metric CRS, on WGS84, and in the DEM's own grid (cell centres at whole numbers)."""
+
+    easting_m: float
+    northing_m: float
+    crs: str
+    lat_deg: float
+    lon_deg: float
+    ground_m: float
+    row: float
+    col: float
+
+
+class Candidate(_Part):
+    """One of the places that the images fit. ``rms_px``: of all frames together, the biases solved for."""
+
+    easting_m: float
+    northing_m: float
+    probability: Probability
+    rms_px: Annotated[float, Field(ge=0.0)]
+
+
+class Stage1Counts(_Part):
+    """The funnel of stage 1, as in the columns of the paper's Table I."""
+
+    cells: int
+    """Cells of the DEM that have an elevation."""
+    after_altitude: int
+    after: dict[str, int]
+    """Cells left after each direction, by the frame's label, in the order searched."""
+    points_explored: int
+    """POINTs visited in all directions together."""
+
+
+class Nuisance(_Part):
+    """The errors common to all frames, solved for with the position: reading minus truth."""
+
+    azimuth_bias_deg: float
+    tilt_bias_deg: float
+    altitude_bias_m: float
+
+
+class Fix(_Part):
+    """The result of a search. ``position`` and ``covariance_m2`` are null where ``status`` is "none"."""
+
+    schema_name: Literal["skyfix.fix/1"] = Field(default="skyfix.fix/1", alias="schema")
+    bundle: str
+    status: Status
+    position: Position | None
+    covariance_m2: tuple[tuple[float, float], tuple[float, float]] | None
+    """Of easting and northing."""
+    probability: Probability
+    candidates: tuple[Candidate, ...]
+    stage1: Stage1Counts
+    residual: dict[str, float]
+    """Root mean square of found minus predicted skyline, pixels, by the frame's label."""
+    nuisance: Nuisance | None
+    timing_s: dict[str, float]
+
+    @model_validator(mode="after")
+    def _fix_has_a_place(self) -> Self:
+        if self.status == "fix" and (self.position is None or self.covariance_m2 is None):
+            raise ValueError("a fix has a position and its covariance")
+        return self
+
+    @property
+    def exit_status(self) -> int:
+        """The exit status of ``localizer locate`` for this result."""
+        return EXIT_STATUS[self.status]
+
+    def to_json(self) -> str:
+        """The fix as one JSON object on one line."""
+        return self.model_dump_json(by_alias=True)

@@ -1,0 +1,181 @@
+"""Between lattice positions, map coordinates and true directions, for any coordinate reference system.
+
+Rows and columns count cell centres and may be fractions. Grid north, true north and magnetic north are three
+things: nothing here is magnetic, and where a direction is the grid's the name says so.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pyproj import Geod
+
+from localizer.crs import (
+    WGS84,
+    degrees_per_unit,
+    geographic_crs,
+    lattice_xy,
+    own_lonlat_deg,
+    own_xy,
+    transform_xy,
+)
+from localizer.dem import Dem
+
+Floats = NDArray[np.float64]
+
+LINEAR_M = 100.0
+"""Geodesics of this length give the linear coefficients: curvature adds 1e-10 of it, rounding 1e-11."""
+QUADRATIC_M = 20_000.0
+"""And of this length the quadratic ones: as far as most horizons lie."""
+NODE_SPACING_M = 15_000.0
+"""Largest distance between nodes: closer, the coefficients are linear in between to better than 1e-6."""
+MIN_NODES, MAX_NODES = 3, 65
+
+
+def rowcol_to_xy(dem: Dem, row: ArrayLike, col: ArrayLike) -> tuple[Floats, Floats]:
+    """x, y in the DEM's own CRS."""
+    return lattice_xy(dem.transform, row, col)
+
+
+def xy_to_rowcol(dem: Dem, x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
+    """Row, col of coordinates in the DEM's own CRS. Longitudes may be off by whole turns."""
+    x, y = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
+    if dem.crs.is_geographic:
+        turn = 360.0 / degrees_per_unit(dem.crs)
+        centre_x = dem.transform.c + dem.transform.a * dem.cols / 2
+        x = x + turn * np.round((centre_x - x) / turn)
+    return (y - dem.transform.f) / dem.transform.e - 0.5, (x - dem.transform.c) / dem.transform.a - 0.5
+
+
+def rowcol_to_metric(dem: Dem, row: ArrayLike, col: ArrayLike) -> tuple[Floats, Floats]:
+    """Easting, northing in ``dem.metric_crs``."""
+    return transform_xy(dem.crs, dem.metric_crs, *rowcol_to_xy(dem, row, col))
+
+
+def metric_to_rowcol(dem: Dem, easting_m: ArrayLike, northing_m: ArrayLike) -> tuple[Floats, Floats]:
+    """Row, col of coordinates in ``dem.metric_crs``."""
+    return xy_to_rowcol(dem, *transform_xy(dem.metric_crs, dem.crs, easting_m, northing_m))
+
+
+def rowcol_to_lonlat(dem: Dem, row: ArrayLike, col: ArrayLike) -> tuple[Floats, Floats]:
+    """Longitude and latitude in degrees, WGS84."""
+    return transform_xy(dem.crs, WGS84, *rowcol_to_xy(dem, row, col))
+
+
+def lonlat_to_rowcol(dem: Dem, lon_deg: ArrayLike, lat_deg: ArrayLike) -> tuple[Floats, Floats]:
+    """Row, col of WGS84 longitudes and latitudes."""
+    return xy_to_rowcol(dem, *transform_xy(WGS84, dem.crs, lon_deg, lat_deg))
+
+
+def enu_to_metric_jacobian(dem: Dem, row: ArrayLike, col: ArrayLike) -> Floats:
+    """(..., 2, 2): from metres to true east and north to easting and northing in ``dem.metric_crs``.
+
+    A covariance C of (east, north) becomes J C J^T. Holds the meridian convergence and the map scale.
+    """
+    row, col = np.broadcast_arrays(np.asarray(row, np.float64), np.asarray(col, np.float64))
+    east = _along_geodesic(dem, row, col, np.array([90.0, 270.0]), LINEAR_M, metric=True)
+    north = _along_geodesic(dem, row, col, np.array([0.0, 180.0]), LINEAR_M, metric=True)
+    columns = [(points[..., 0, :] - points[..., 1, :]) / (2.0 * LINEAR_M) for points in (east, north)]
+    return np.stack(columns, axis=-1)
+
+
+def meridian_convergence_deg(dem: Dem, row: ArrayLike, col: ArrayLike) -> Floats:
+    """Direction of the grid north of ``dem.metric_crs``, degrees clockwise from true north.
+
+    grid_azimuth = true_azimuth - convergence. In a UTM zone of the northern hemisphere it is positive east of
+    the central meridian.
+    """
+    jacobian = enu_to_metric_jacobian(dem, row, col)
+    return np.degrees(-np.arctan2(jacobian[..., 0, 1], jacobian[..., 1, 1]))
+
+
+@dataclass(frozen=True, eq=False)
+class LatticeFrames:
+    """How geodesics run through the lattice, to second order in their length, anywhere on a DEM.
+
+    A geodesic that leaves (row, col) in true azimuth A reaches after s metres, with e = s sin A, n = s cos A,
+
+        row + r_e e + r_n n + r_ee e^2 + r_en e n + r_nn n^2
+
+    and likewise the column. Convergence and scale of a map projection, and the meridians of a geographic grid
+    that draw together, are all in the coefficients.
+    """
+
+    node_rows: Floats
+    """(k,) rows of the nodes, ascending, evenly spaced."""
+    node_cols: Floats
+    """(l,)"""
+    coefficients: Floats
+    """(k, l, 2, 5): for row and column (axis 2) those of e, n, e^2, e n, n^2 (axis 3)."""
+
+    def at(self, row: ArrayLike, col: ArrayLike) -> Floats:
+        """Coefficients (n, 2, 5) at n positions, bilinear between the nodes and beyond the outermost."""
+        row, col = np.broadcast_arrays(
+            np.atleast_1d(np.asarray(row, np.float64)), np.atleast_1d(np.asarray(col, np.float64))
+        )
+        i, wi = _between(self.node_rows, row)
+        j, wj = _between(self.node_cols, col)
+        k, l = self.coefficients.shape[:2]  # noqa: E741
+        nodes = self.coefficients.reshape(k * l, 10)
+        first = i * l + j
+        out: Floats = nodes[first] * ((1.0 - wi) * (1.0 - wj))[:, None]
+        out += nodes[first + 1] * ((1.0 - wi) * wj)[:, None]
+        out += nodes[first + l] * (wi * (1.0 - wj))[:, None]
+        out += nodes[first + l + 1] * (wi * wj)[:, None]
+        return np.reshape(out, (-1, 2, 5))
+
+
+def lattice_frames(dem: Dem) -> LatticeFrames:
+    """Fit the coefficients on a coarse grid of nodes over the DEM. Takes some milliseconds."""
+    node_rows = np.linspace(0.0, dem.rows - 1, _node_count(dem.rows * dem.spacing_ns_m))
+    node_cols = np.linspace(0.0, dem.cols - 1, _node_count(dem.cols * dem.spacing_ew_m))
+    row, col = np.meshgrid(node_rows, node_cols, indexing="ij")
+    start = np.stack([row, col], axis=-1)  # (k, l, 2)
+
+    axes = np.array([90.0, 270.0, 0.0, 180.0])
+    short = _along_geodesic(dem, row, col, axes, LINEAR_M)
+    east, north = (short[..., a, :] - short[..., a + 1, :] for a in (0, 2))
+    linear = np.stack([east, north], axis=-1) / (2.0 * LINEAR_M)
+
+    # even parts, free of all odd orders
+    diagonals = np.array([45.0, 225.0, 135.0, 315.0])
+    far = _along_geodesic(dem, row, col, np.concatenate([axes, diagonals]), QUADRATIC_M)
+    even = (far[..., 0::2, :] + far[..., 1::2, :]) / 2.0 - start[..., None, :]
+    ee, nn, north_east, south_east = np.moveaxis(even, -2, 0) / QUADRATIC_M**2
+    quadratic = np.stack([ee, north_east - south_east, nn], axis=-1)
+    return LatticeFrames(node_rows, node_cols, np.concatenate([linear, quadratic], axis=-1))
+
+
+def _node_count(extent_m: float) -> int:
+    return int(np.clip(np.ceil(extent_m / NODE_SPACING_M) + 1, MIN_NODES, MAX_NODES))
+
+
+def _between(nodes: Floats, position: Floats) -> tuple[NDArray[np.int64], Floats]:
+    """Index of the node before each position and the weight of the one after it."""
+    scaled = (position - nodes[0]) / (nodes[1] - nodes[0])
+    before = np.clip(np.floor(scaled), 0, len(nodes) - 2).astype(np.int64)
+    return before, scaled - before
+
+
+def _along_geodesic(
+    dem: Dem, row: Floats, col: Floats, azimuth_deg: Floats, distance_m: float, *, metric: bool = False
+) -> Floats:
+    """Where geodesics of one length lead, (..., azimuths, 2): row, col; easting, northing if ``metric``.
+
+    They run on the ellipsoid of the DEM's own datum, on which true north is defined here.
+    """
+    lon_deg, lat_deg = own_lonlat_deg(dem.crs, *rowcol_to_xy(dem, row, col))
+    shape = (*row.shape, len(azimuth_deg))
+    lon_deg, lat_deg = (np.broadcast_to(angle[..., None], shape).ravel() for angle in (lon_deg, lat_deg))
+    azimuths = np.broadcast_to(azimuth_deg, shape).ravel()
+    to_lon, to_lat, _ = geod(dem).fwd(lon_deg, lat_deg, azimuths, np.full(azimuths.shape, distance_m))
+    x, y = own_xy(dem.crs, to_lon, to_lat)
+    ends = transform_xy(dem.crs, dem.metric_crs, x, y) if metric else xy_to_rowcol(dem, x, y)
+    return np.stack(ends, axis=-1).reshape(*shape, 2)
+
+
+def geod(dem: Dem) -> Geod:
+    """The ellipsoid of the DEM's datum."""
+    ellipsoid = geographic_crs(dem.crs).get_geod()
+    assert ellipsoid is not None  # a geographic CRS has one
+    return ellipsoid

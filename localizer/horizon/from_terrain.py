@@ -1,0 +1,349 @@
+"""The horizon that a digital elevation model has around a place.
+
+The surface is bilinear between the DEM's cell centres, the Earth is curved and its air refracts (contract, "heights over a
+curved Earth"). Along a ray the surface is a quadratic between two grid lines, so that the horizon is exact: the largest
+tangent at the crossings of grid lines, and the maximum within each stretch between them.
+
+Rays are geodesics. How one runs through the lattice of the DEM is known to second order in the distance
+(``geodesy.LatticeFrames``), which covers meridian convergence, map scale and geographic grids alike.
+"""
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from localizer.dem import Dem
+from localizer.geodesy import LatticeFrames, lattice_frames
+from localizer.jit import kernel
+
+EARTH_RADIUS_M = 6371008.8
+REFRACTION = 0.13
+VOID_M = -20000.0
+"""A void holds no terrain: deep enough to be seen from nowhere."""
+
+BLOCK = 16
+"""Cells a side of the blocks whose maxima tell a ray that it can leap over them."""
+
+Floats = NDArray[np.float64]
+Heights = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Terrain:
+    """A DEM made ready for rays.
+
+    ``height_m`` (rows, cols) has voids filled with VOID_M; ``cell_ceiling_m`` is the highest corner of each cell.
+    ``row_blocks[i, j]`` is the highest cell that a ray can meet while its row runs through block i, having entered it in the
+    columns of block j, the neighbours of j included; ``col_blocks`` likewise, rows and columns exchanged.
+    ``drop_per_m2`` is (1 - k) / (2 R).
+    """
+
+    dem: Dem
+    frames: LatticeFrames
+    height_m: Heights
+    cell_ceiling_m: Heights
+    row_blocks: Heights
+    col_blocks: Heights
+    highest_m: float
+    drop_per_m2: float
+
+    @property
+    def cell_m(self) -> float:
+        """Mean spacing of the cells in metres."""
+        return float(np.sqrt(abs(self.dem.spacing_ns_m * self.dem.spacing_ew_m)))
+
+
+def prepare_terrain(dem: Dem, refraction: float = REFRACTION) -> Terrain:
+    """What rays need of a DEM, computed once."""
+    height = np.where(np.isfinite(dem.z_m), dem.z_m, VOID_M).astype(np.float32)
+    return Terrain(
+        dem=dem,
+        frames=lattice_frames(dem),
+        height_m=np.ascontiguousarray(height),
+        cell_ceiling_m=_cell_ceilings(height),
+        row_blocks=_block_maxima(height),
+        col_blocks=np.ascontiguousarray(_block_maxima(height.T).T),
+        highest_m=float(height.max()),
+        drop_per_m2=(1.0 - refraction) / (2.0 * EARTH_RADIUS_M),
+    )
+
+
+def horizon(
+    terrain: Terrain, row: ArrayLike, col: ArrayLike, altitude_m: ArrayLike, azimuth_deg: ArrayLike
+) -> tuple[Floats, Floats]:
+    """Elevation angle of the horizon in degrees and its distance in metres, each (n, m).
+
+    ``row``, ``col``, ``altitude_m``: (n,) observers, anywhere between the cells or outside the grid; the altitude is the
+    eye's, above the DEM's datum. ``azimuth_deg``: true, (m,) for all or (n, m) for each. Where a ray meets no terrain the
+    angle is -90 and the distance NaN.
+    """
+    rows, cols, altitudes = (np.atleast_1d(np.asarray(a, float)) for a in (row, col, altitude_m))
+    rows, cols, altitudes = np.broadcast_arrays(rows, cols, altitudes)
+    azimuth = np.radians(
+        np.broadcast_to(
+            np.atleast_1d(np.asarray(azimuth_deg, float)),
+            (len(rows), np.shape(azimuth_deg)[-1]) if np.ndim(azimuth_deg) else (len(rows), 1),
+        )
+    )
+    tangent, distance = horizon_tangents(
+        terrain,
+        np.ascontiguousarray(rows),
+        np.ascontiguousarray(cols),
+        np.ascontiguousarray(altitudes),
+        azimuth,
+    )
+    return np.degrees(np.arctan(tangent)), distance
+
+
+def horizon_tangents(
+    terrain: Terrain, row: Floats, col: Floats, altitude_m: Floats, azimuth_rad: Floats
+) -> tuple[Floats, Floats]:
+    """As ``horizon`` for contiguous arrays (n,) and azimuths (n, m) in radians; tangents instead of angles."""
+    return _horizons(
+        terrain.height_m,
+        terrain.cell_ceiling_m,
+        terrain.row_blocks,
+        terrain.col_blocks,
+        terrain.highest_m,
+        terrain.drop_per_m2,
+        terrain.frames.at(row, col),
+        row,
+        col,
+        altitude_m,
+        np.ascontiguousarray(azimuth_rad),
+    )
+
+
+def _cell_ceilings(height: Heights) -> Heights:
+    """The highest corner of the cell between (i, j) and (i + 1, j + 1), at (i, j); the last row and column are padded."""
+    out = np.full_like(height, VOID_M)
+    down = np.maximum(height[:-1], height[1:])
+    out[:-1, :-1] = np.maximum(down[:, :-1], down[:, 1:])
+    return out
+
+
+def horizon_around(
+    terrain: Terrain, row: float, col: float, altitude_m: float, azimuth_rad: Floats
+) -> tuple[Floats, Floats]:
+    """Tangents and distances (m,) of the horizon of one observer in the directions (m,).
+
+    On one thread: for the few rays of a refinement, waking another costs more than it saves.
+    """
+    return _horizon_around(
+        terrain.height_m,
+        terrain.cell_ceiling_m,
+        terrain.row_blocks,
+        terrain.col_blocks,
+        terrain.highest_m,
+        terrain.drop_per_m2,
+        terrain.frames.at(np.array([row]), np.array([col]))[0],
+        row,
+        col,
+        altitude_m,
+        azimuth_rad,
+    )
+
+
+def _block_maxima(height: Heights) -> Heights:
+    """Maxima over BLOCK rows (and the row after them) by three blocks of columns: (ceil(rows / BLOCK), ceil(cols / BLOCK))."""
+    rows, cols = height.shape
+    down, across = -(-rows // BLOCK), -(-cols // BLOCK)
+    out = np.empty((down, across), np.float32)
+    for i in range(down):
+        band = height[max(i * BLOCK - 1, 0) : (i + 1) * BLOCK + 1].max(axis=0)
+        for j in range(across):
+            out[i, j] = band[max((j - 1) * BLOCK - 1, 0) : (j + 2) * BLOCK + 1].max()
+    return out
+
+
+@kernel(inline=True)
+def _bulge(
+    z0: float, z1: float, twist: float, s0: float, ds: float, eye: float, drop: float
+) -> tuple[float, float]:
+    """Largest tangent inside a stretch and the distance where it lies; -inf where one of the ends is higher.
+
+    The height at t in 0..1 is z0 + t (z1 - z0) + twist (t^2 - t), the distance s0 + t ds: the tangent's derivative vanishes
+    at the root of a quadratic equation.
+    """
+    alpha = z0 - eye - drop * s0 * s0
+    gamma = twist - drop * ds * ds
+    beta = z1 - z0 - twist - 2.0 * drop * s0 * ds
+    inside = s0 * s0 - ds * (beta * s0 - alpha * ds) / gamma
+    if inside <= 0.0:
+        return -np.inf, np.nan
+    t = (np.sqrt(inside) - s0) / ds
+    if t <= 0.0 or t >= 1.0:
+        return -np.inf, np.nan
+    s = s0 + t * ds
+    return (alpha + (beta + gamma * t) * t) / s, s
+
+
+@kernel()
+def ray_horizon(
+    height: Heights,
+    cell_ceilings: Heights,
+    row_blocks: Heights,
+    col_blocks: Heights,
+    highest: float,
+    drop: float,
+    frame: Floats,
+    row: float,
+    col: float,
+    eye: float,
+    azimuth: float,
+) -> tuple[float, float]:
+    """Tangent and distance of the horizon along one ray; (-inf, NaN) where it meets no terrain.
+
+    The ray is followed along the lattice axis on which it moves faster (``major``), from one grid line to the next. A block
+    of BLOCK grid lines is leapt over when its highest cell stays below the horizon found so far.
+    """
+    east, north = np.sin(azimuth), np.cos(azimuth)
+    row_1 = frame[0, 0] * east + frame[0, 1] * north
+    row_2 = frame[0, 2] * east * east + frame[0, 3] * east * north + frame[0, 4] * north * north
+    col_1 = frame[1, 0] * east + frame[1, 1] * north
+    col_2 = frame[1, 2] * east * east + frame[1, 3] * east * north + frame[1, 4] * north * north
+    along_rows = abs(row_1) > abs(col_1)
+    if along_rows:
+        start, a1, a2, minor_start, b1, b2 = row, row_1, row_2, col, col_1, col_2
+        last, minor_last = height.shape[0] - 1, height.shape[1] - 1
+    else:
+        start, a1, a2, minor_start, b1, b2 = col, col_1, col_2, row, row_1, row_2
+        last, minor_last = height.shape[1] - 1, height.shape[0] - 1
+    flat, ceilings = height.ravel(), cell_ceilings.ravel()
+    blocks = (row_blocks if along_rows else col_blocks).ravel()
+    by_major, by_minor = (height.shape[1], 1) if along_rows else (1, height.shape[1])
+    block_by_major, block_by_minor = (row_blocks.shape[1], 1) if along_rows else (1, row_blocks.shape[1])
+    step = 1 if a1 > 0.0 else -1
+    # The inverse series: distance as a function of the major coordinate.
+    s1, s2 = 1.0 / a1, -a2 / (a1 * a1 * a1)
+
+    best, best_s = -np.inf, np.nan
+    x0, y0, d0 = start, minor_start, 0.0  # where the stretch begins: major, minor, distance
+    line = int(np.floor(start)) + 1 if step > 0 else int(np.ceil(start)) - 1
+    if (step > 0 and line < 0) or (step < 0 and line > last):  # outside, looking in
+        line = 0 if step > 0 else last
+        d0 = (s1 + s2 * (line - start)) * (line - start)
+        x0, y0 = float(line), minor_start + (b1 + b2 * d0) * d0
+        line += step
+
+    while 0 <= line <= last:
+        offset = line - start
+        d1 = (s1 + s2 * offset) * offset
+        y1 = minor_start + (b1 + b2 * d1) * d1
+        sight = eye + (best + drop * d1) * d1
+        lowest_sight = min(eye + (best + drop * d0) * d0, sight) - 1e-3 if best > -np.inf else -np.inf
+        if best >= 0.0 and sight > highest:
+            break
+        if min(y0, y1) < 0.0 or max(y0, y1) > minor_last:
+            heading = b1 + 2.0 * b2 * d1
+            if (y1 < 0.0 and heading <= 0.0) or (y1 > minor_last and heading >= 0.0):
+                break
+            x0, y0, d0 = float(line), y1, d1
+            line += step
+            continue
+
+        if line % BLOCK == (0 if step > 0 else BLOCK - 1) and best > -np.inf:
+            # The block begins behind this line: its maximum covers the stretch that leads into it and the one out of it.
+            ceiling = blocks[line // BLOCK * block_by_major + int(y1) // BLOCK * block_by_minor]
+            far = offset + step * BLOCK
+            d_far = (s1 + s2 * far) * far
+            # Between two points the line of sight, convex, sinks below the lower end by less than drop ds^2 / 4.
+            lower = min(eye + (best + drop * d0) * d0, eye + (best + drop * d_far) * d_far)
+            if ceiling < lower - 0.25 * drop * (d_far - d0) * (d_far - d0):
+                line += step * (BLOCK - 1)
+                offset = line - start
+                d0 = (s1 + s2 * offset) * offset
+                x0, y0 = float(line), minor_start + (b1 + b2 * d0) * d0
+                line += step
+                continue
+
+        # The stretch between two major grid lines lies in one cell, or in two with a minor grid line between them.
+        i = line - 1 if step > 0 else line
+        j0, j1 = min(int(y0), minor_last - 1), min(int(y1), minor_last - 1)
+        cell_0, cell_1 = i * by_major + j0 * by_minor, i * by_major + j1 * by_minor
+        x1 = float(line)
+        if max(ceilings[cell_0], ceilings[cell_1]) > lowest_sight:
+            split = (max(j0, j1) - y0) / (y1 - y0) if j0 != j1 else 1.0
+            for piece in range(2 if j0 != j1 else 1):
+                t0, t1 = (0.0, split) if piece == 0 else (split, 1.0)
+                at, j = (cell_0, j0) if piece == 0 else (cell_1, j1)
+                z00, z01 = flat[at], flat[at + by_minor]
+                z10, z11 = flat[at + by_major], flat[at + by_major + by_minor]
+                if min(z00, z01, z10, z11) <= VOID_M:
+                    continue
+                xa, xb = x0 + (x1 - x0) * t0 - i, x0 + (x1 - x0) * t1 - i
+                ya, yb = y0 + (y1 - y0) * t0 - j, y0 + (y1 - y0) * t1 - j
+                za = (z00 * (1.0 - ya) + z01 * ya) * (1.0 - xa) + (z10 * (1.0 - ya) + z11 * ya) * xa
+                zb = (z00 * (1.0 - yb) + z01 * yb) * (1.0 - xb) + (z10 * (1.0 - yb) + z11 * yb) * xb
+                sa, sb = d0 + (d1 - d0) * t0, d0 + (d1 - d0) * t1
+                if sb > 0.0 and zb > eye + (best + drop * sb) * sb:
+                    best, best_s = (zb - eye) / sb - drop * sb, sb
+                twist = (z00 - z01 - z10 + z11) * (xb - xa) * (yb - ya)
+                # It cannot bulge above the higher of its ends by more than a quarter of its twist.
+                if twist < 0.0 and max(za, zb) - 0.25 * twist > eye + min(best * sa, best * sb):
+                    tangent, where = _bulge(za, zb, twist, sa, sb - sa, eye, drop)
+                    if tangent > best:
+                        best, best_s = tangent, where
+        x0, y0, d0 = x1, y1, d1
+        line += step
+    return best, best_s
+
+
+@kernel(parallel=True)
+def _horizons(
+    height: Heights,
+    cell_ceilings: Heights,
+    row_blocks: Heights,
+    col_blocks: Heights,
+    highest: float,
+    drop: float,
+    frames: Floats,
+    row: Floats,
+    col: Floats,
+    eye: Floats,
+    azimuth: Floats,
+) -> tuple[Floats, Floats]:
+    observers, rays = azimuth.shape
+    tangent = np.empty((observers, rays))
+    distance = np.empty((observers, rays))
+    for index in numba.prange(observers * rays):
+        i, j = index // rays, index % rays
+        tangent[i, j], distance[i, j] = ray_horizon(
+            height,
+            cell_ceilings,
+            row_blocks,
+            col_blocks,
+            highest,
+            drop,
+            frames[i],
+            row[i],
+            col[i],
+            eye[i],
+            azimuth[i, j],
+        )
+    return tangent, distance
+
+
+@kernel()
+def _horizon_around(
+    height: Heights,
+    cell_ceilings: Heights,
+    row_blocks: Heights,
+    col_blocks: Heights,
+    highest: float,
+    drop: float,
+    frame: Floats,
+    row: float,
+    col: float,
+    eye: float,
+    azimuth: Floats,
+) -> tuple[Floats, Floats]:
+    tangent = np.empty(azimuth.shape[0])
+    distance = np.empty(azimuth.shape[0])
+    for i in range(azimuth.shape[0]):
+        tangent[i], distance[i] = ray_horizon(
+            height, cell_ceilings, row_blocks, col_blocks, highest, drop, frame, row, col, eye, azimuth[i]
+        )
+    return tangent, distance

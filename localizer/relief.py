@@ -1,0 +1,69 @@
+"""Shaded relief of any rectangle of a DEM, for maps."""
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LinearSegmentedColormap
+from numpy.typing import NDArray
+
+from localizer.dem import Dem
+from localizer.geodesy import metric_to_rowcol
+
+Floats = NDArray[np.float64]
+
+TINTS = LinearSegmentedColormap.from_list(
+    "relief", ["#a9b99b", "#c6c9a6", "#d9d0ae", "#cdb99b", "#c9c0b6", "#e9e6e3", "#ffffff"]
+)
+"""From the lowest ground to the highest; pale, so that what is drawn on top stands out."""
+VOID_GREY = 0.93
+PIXELS = 900
+"""Of the longer side."""
+
+
+def draw_relief(
+    axes: Axes,
+    dem: Dem,
+    bounds_m: tuple[float, float, float, float],
+    *,
+    unit_m: float = 1.0,
+    origin_m: tuple[float, float] = (0.0, 0.0),
+) -> None:
+    """Draw the rectangle west, east, south, north of the DEM's metric CRS.
+
+    The axes then count ``unit_m`` from ``origin_m`` (easting, northing). The relief is sampled from the lattice,
+    whatever CRS that has of its own.
+    """
+    west_m, east_m, south_m, north_m = bounds_m
+    step_m = max(east_m - west_m, north_m - south_m) / PIXELS
+    across, down = (max(2, round(size / step_m)) for size in (east_m - west_m, north_m - south_m))
+    easting_m = west_m + (np.arange(across) + 0.5) * (east_m - west_m) / across
+    northing_m = north_m - (np.arange(down) + 0.5) * (north_m - south_m) / down
+    z_m = dem.ground_m(*metric_to_rowcol(dem, *np.meshgrid(easting_m, northing_m)))
+    lowest_m, highest_m = np.nanpercentile(dem.z_m, (0.5, 99.8))
+    tint = TINTS((z_m - lowest_m) / max(highest_m - lowest_m, 1.0))[..., :3]
+    # slopes over about a cell: over less, the facets of the bilinear surface show
+    reach = max(1, round(dem.spacing_ns_m / step_m / 2.0))
+    image = np.clip(tint * (0.42 + 0.8 * hillshade(z_m, step_m, reach))[..., None], 0.0, 1.0)
+    image[np.isnan(z_m)] = VOID_GREY
+    extent = (
+        (west_m - origin_m[0]) / unit_m,
+        (east_m - origin_m[0]) / unit_m,
+        (south_m - origin_m[1]) / unit_m,
+        (north_m - origin_m[1]) / unit_m,
+    )
+    axes.imshow(image, extent=extent, origin="upper", aspect="equal", interpolation="antialiased")
+    axes.set_xlim(extent[0], extent[1])
+    axes.set_ylim(extent[2], extent[3])
+
+
+def hillshade(z_m: Floats, step_m: float, reach: int = 1) -> Floats:
+    """Brightness, 0 to 1, of a surface under a light 45° high in the north-west; row 0 is the northernmost.
+
+    Slopes are taken over ``reach`` pixels to either side. Flat ground and voids have sqrt(0.5).
+    """
+    padded = np.pad(z_m, reach, mode="edge")
+    core = slice(reach, -reach)
+    to_east = (padded[core, 2 * reach :] - padded[core, : -2 * reach]) / (2 * reach * step_m)
+    to_north = (padded[: -2 * reach, core] - padded[2 * reach :, core]) / (2 * reach * step_m)
+    west, north, up = 0.5, 0.5, np.sqrt(0.5)  # of the unit vector to the light
+    shade = (up + west * to_east - north * to_north) / np.sqrt(1.0 + to_east**2 + to_north**2)
+    return np.asarray(np.clip(np.nan_to_num(shade, nan=up), 0.0, 1.0))

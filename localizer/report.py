@@ -1,0 +1,156 @@
+"""A fix in words, and beside the truth where that is known."""
+
+from pathlib import Path
+from typing import Annotated, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pyproj import CRS
+from pyproj.exceptions import CRSError
+
+from localizer.crs import transform_xy
+from localizer.dem import Dem
+from localizer.errors import SkyfixError
+from localizer.fix import Fix, Position
+from localizer.geodesy import meridian_convergence_deg
+
+CHI2_95 = 5.991
+"""95 % of a normal distribution in the plane lies within this squared distance in sigmas."""
+
+Covariance = tuple[tuple[float, float], tuple[float, float]]
+
+
+class Truth(BaseModel):
+    """Where the camera really stood, as a simulation or a survey says it."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
+
+    easting_m: float
+    northing_m: float
+    crs: Annotated[str, Field(min_length=1)]
+
+    def metric(self, dem: Dem) -> tuple[float, float]:
+        """Easting and northing in ``dem.metric_crs``."""
+        easting_m, northing_m = transform_xy(
+            CRS.from_user_input(self.crs), dem.metric_crs, self.easting_m, self.northing_m
+        )
+        return float(easting_m), float(northing_m)
+
+    def distance_m(self, position: Position, dem: Dem) -> float:
+        """How far the position found lies from the true one, in the map's metres."""
+        easting_m, northing_m = self.metric(dem)
+        return float(np.hypot(position.easting_m - easting_m, position.northing_m - northing_m))
+
+
+class EllipseAxes(NamedTuple):
+    """Of one standard deviation."""
+
+    major_m: float
+    minor_m: float
+    grid_azimuth_deg: float
+    """Of the major axis, 0 to 180."""
+
+
+def load_truth(path: Path) -> Truth:
+    """Read a JSON file with easting_m, northing_m and crs. Raises ``SkyfixError``."""
+    try:
+        truth = Truth.model_validate_json(path.read_bytes())
+        CRS.from_user_input(truth.crs)
+    except OSError as error:
+        raise SkyfixError(f"{path}: {error.strerror}") from None
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        field = ".".join(str(part) for part in first["loc"])
+        raise SkyfixError(f"{path}: {field}{': ' if field else ''}{first['msg']}") from None
+    except CRSError:
+        raise SkyfixError(f"{path}: crs: {truth.crs} is not a coordinate reference system") from None
+    return truth
+
+
+def ellipse(covariance_m2: Covariance) -> EllipseAxes:
+    """The axes of the one-sigma ellipse."""
+    variances, axes = np.linalg.eigh(np.array(covariance_m2))
+    minor_m, major_m = np.sqrt(np.clip(variances, 0.0, None))
+    east, north = axes[:, 1]
+    return EllipseAxes(float(major_m), float(minor_m), float(np.degrees(np.arctan2(east, north)) % 180.0))
+
+
+def sigmas_off(fix: Fix, truth: Truth, dem: Dem) -> float:
+    """The error of a fix in its own standard deviations (Mahalanobis distance)."""
+    assert fix.position is not None
+    assert fix.covariance_m2 is not None
+    easting_m, northing_m = truth.metric(dem)
+    off_m: NDArray[np.float64] = np.array(
+        [fix.position.easting_m - easting_m, fix.position.northing_m - northing_m]
+    )
+    return float(np.sqrt(off_m @ np.linalg.solve(np.array(fix.covariance_m2), off_m)))
+
+
+def lat_lon(position: Position) -> str:
+    """As ``46.19901° N  122.19203° W``: five decimals are a metre."""
+    north, east = "N" if position.lat_deg >= 0.0 else "S", "E" if position.lon_deg >= 0.0 else "W"
+    return f"{abs(position.lat_deg):.5f}° {north}  {abs(position.lon_deg):.5f}° {east}"
+
+
+def report(fix: Fix, dem: Dem, truth: Truth | None = None) -> str:
+    """The fix in lines for people to read."""
+    lines = [f"bundle      {fix.bundle}", f"status      {_STATUS[fix.status]}"]
+    if fix.position is not None:
+        lines += _position_lines(fix, fix.position, dem)
+    if fix.position is not None and truth is not None:
+        lines.append(f"true error  {truth.distance_m(fix.position, dem):.1f} m  ({_off(fix, truth, dem)})")
+    lines += [
+        f"{'candidate' if i else 'candidates':11} {c.easting_m:.1f} E  {c.northing_m:.1f} N  "
+        f"probability {c.probability:.3f}  rms {c.rms_px:.2f} px"
+        for i, c in enumerate(fix.candidates)
+    ]
+    lines += _search_lines(fix)
+    return "\n".join(lines)
+
+
+_STATUS = {
+    "fix": "fix: one place stands out",
+    "ambiguous": "ambiguous: several places fit, or one that is poorly known",
+    "none": "none: the frames fit no place in this DEM",
+}
+
+
+def _off(fix: Fix, truth: Truth, dem: Dem) -> str:
+    return "no sigma" if fix.covariance_m2 is None else f"{sigmas_off(fix, truth, dem):.1f} sigma"
+
+
+def _position_lines(fix: Fix, position: Position, dem: Dem) -> list[str]:
+    crs = position.crs if len(position.crs) < 30 else dem.metric_crs.name
+    lines = [
+        f"position    {lat_lon(position)}  (WGS84)",
+        f"            {position.easting_m:.1f} E  {position.northing_m:.1f} N  ({crs})",
+        f"            row {position.row:.2f}  col {position.col:.2f}  ground {position.ground_m:.1f} m",
+    ]
+    if fix.covariance_m2 is not None:
+        axes = ellipse(fix.covariance_m2)
+        convergence_deg = float(meridian_convergence_deg(dem, position.row, position.col))
+        azimuth_deg = (axes.grid_azimuth_deg + convergence_deg) % 180.0
+        lines.append(
+            f"1 sigma     {axes.major_m:.1f} m x {axes.minor_m:.1f} m, the longer towards {azimuth_deg:.0f}° true"
+        )
+    lines.append(f"probability {fix.probability:.3f}")
+    return lines
+
+
+def _search_lines(fix: Fix) -> list[str]:
+    stage1 = fix.stage1
+    funnel = [f"{stage1.cells} cells", f"altitude {stage1.after_altitude}"]
+    funnel += [f"{label} {left}" for label, left in stage1.after.items()]
+    lines = [f"stage 1     {' > '.join(funnel)}  ({stage1.points_explored} points explored)"]
+    if fix.residual:
+        residual = "  ".join(f"{label} {value:.2f}" for label, value in fix.residual.items())
+        lines.append(f"residual    {residual}  px")
+    if fix.nuisance is not None:
+        lines.append(
+            f"biases      azimuth {fix.nuisance.azimuth_bias_deg:+.3f}°  tilt {fix.nuisance.tilt_bias_deg:+.3f}°  "
+            f"altitude {fix.nuisance.altitude_bias_m:+.1f} m"
+        )
+    timing = "  ".join(f"{part} {seconds:.2f}" for part, seconds in fix.timing_s.items())
+    lines.append(f"time        {timing}  s")
+    return lines

@@ -1,0 +1,159 @@
+"""Stage 2: the whole curve against the horizon of each cell that stage 1 left (the paper, section IV-B).
+
+The disparity is a robust one: a column counts by its own uncertainty, and a far-off stretch, a tree or a cloud taken for a
+ridge, cannot outweigh the rest (errata, gap 7). Since a camera stands anywhere in its cell, near terrain is uncertain by metres
+and counts less than far terrain. The heading's bias is searched along: turning the head shifts the curve.
+"""
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from localizer.horizon.from_terrain import Heights, Terrain, ray_horizon
+from localizer.jit import kernel
+from localizer.search.contours import BINS, STEP_DEG, MeasuredSkyline
+
+Floats = NDArray[np.float64]
+Cells = NDArray[np.int64]
+
+SATURATION = 4.0
+"""Sigmas at which a column's disparity stops to grow (Geman-McClure)."""
+
+
+@dataclass(frozen=True)
+class Scored:
+    """Cells (n, 2) with their disparity (n,), lowest first, and the heading's bias that gave it.
+
+    The disparity is the mean over the columns of the negative logarithm of their likelihood.
+    """
+
+    cells: Cells
+    disparity: Floats
+    azimuth_bias_deg: Floats
+
+
+def search_stage2(
+    terrain: Terrain,
+    skyline: MeasuredSkyline,
+    cells: Cells,
+    eye_m: Floats,
+    eye_slack_m: Floats,
+    offsets_deg: Floats,
+    azimuth_bias_sigma_deg: float,
+    dem_error_m: float,
+    every_deg: float,
+) -> Scored:
+    """Disparity of each cell over columns ``every_deg`` apart; ``eye_m`` (n,) the camera's altitude there."""
+    shifts = np.round(offsets_deg / STEP_DEG).astype(np.int64)
+    seen = np.isfinite(skyline.elevation_deg)
+    # World azimuths under which some hypothesis sees a measured column.
+    reached = np.zeros(BINS, bool)
+    for shift in shifts:
+        reached |= np.roll(seen, -shift)
+    stride = max(1, round(every_deg / STEP_DEG))
+    world = np.nonzero(reached & (np.arange(BINS) % stride == 0))[0]
+    prior = (
+        0.5 * (offsets_deg / max(azimuth_bias_sigma_deg, 1e-6)) ** 2
+        if azimuth_bias_sigma_deg < 90.0
+        else 0.0 * offsets_deg
+    )
+    row, col = cells[:, 0].astype(float), cells[:, 1].astype(float)
+    disparity, best = _disparities(
+        terrain.height_m,
+        terrain.cell_ceiling_m,
+        terrain.row_blocks,
+        terrain.col_blocks,
+        terrain.highest_m,
+        terrain.drop_per_m2,
+        terrain.frames.at(row, col),
+        row,
+        col,
+        eye_m,
+        eye_slack_m + dem_error_m,
+        np.radians(skyline.elevation_deg),
+        np.radians(skyline.sigma_deg),
+        world.astype(np.int64),
+        shifts,
+        prior,
+        np.radians(STEP_DEG),
+    )
+    order = np.argsort(disparity, kind="stable")
+    return Scored(cells[order], disparity[order], offsets_deg[best[order]])
+
+
+@kernel(parallel=True)
+def _disparities(
+    height: Heights,
+    cell_ceilings: Heights,
+    row_blocks: Heights,
+    col_blocks: Heights,
+    highest: float,
+    drop: float,
+    frames: Floats,
+    row: Floats,
+    col: Floats,
+    eye: Floats,
+    slack: Floats,
+    elevation: Floats,
+    sigma: Floats,
+    world: NDArray[np.int64],
+    shifts: NDArray[np.int64],
+    prior: Floats,
+    step: float,
+) -> tuple[Floats, NDArray[np.int64]]:
+    cells, columns, hypotheses = row.shape[0], world.shape[0], shifts.shape[0]
+    bins = elevation.shape[0]
+    lowest = np.empty(cells)
+    which = np.zeros(cells, np.int64)
+    for n in numba.prange(cells):
+        horizon = np.empty(columns)
+        distance = np.empty(columns)
+        for m in range(columns):
+            tangent, s = ray_horizon(
+                height,
+                cell_ceilings,
+                row_blocks,
+                col_blocks,
+                highest,
+                drop,
+                frames[n],
+                row[n],
+                col[n],
+                eye[n],
+                world[m] * step,
+            )
+            horizon[m] = np.arctan(tangent)
+            distance[m] = s
+        lowest[n] = np.inf
+        for k in range(hypotheses):
+            total, count = 0.0, 0
+            for m in range(columns):
+                at = (world[m] + shifts[k]) % bins
+                observed = elevation[at]
+                if np.isnan(observed):
+                    continue
+                count += 1
+                spread = slack[n] / distance[m] if distance[m] > 0.0 else 0.0
+                variance = sigma[at] * sigma[at] + spread * spread
+                residual = (observed - horizon[m]) ** 2 / variance
+                # A place that predicts vaguely must not win by being vague: hence the logarithm.
+                total += 0.5 * (residual / (1.0 + residual / (SATURATION * SATURATION)) + np.log(variance))
+            if count == 0:
+                continue
+            disparity = total / count + prior[k] / count
+            if disparity < lowest[n]:
+                lowest[n], which[n] = disparity, k
+    return lowest, which
+
+
+def apart(scored: Scored, keep: int, radius_cells: float) -> NDArray[np.int64]:
+    """Indices of the best cells of which no two lie within ``radius_cells`` of each other, ``keep`` at most."""
+    chosen: list[int] = []
+    for i, cell in enumerate(scored.cells):
+        if all(np.hypot(*(cell - scored.cells[j])) > radius_cells for j in chosen):
+            chosen.append(i)
+            if len(chosen) == keep:
+                break
+    return np.array(chosen, np.int64)

@@ -1,0 +1,195 @@
+import hashlib
+import json
+from datetime import UTC, datetime, timedelta, timezone
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import Image
+
+from localizer.bundle import (
+    Altitude,
+    Bundle,
+    BundleError,
+    Camera,
+    Frame,
+    Prior,
+    frame_image,
+    load_bundle,
+    sha256_of,
+)
+
+
+def test_a_sound_bundle_is_read_with_its_directory_and_pictures(bundle_dir):
+    bundle = load_bundle(bundle_dir)
+    assert bundle.directory == bundle_dir
+    assert bundle.created == datetime(2026, 11, 23, 4, 31, 51, tzinfo=UTC)
+    assert bundle.altitude == Altitude(value_m=1432.6, sigma_m=5.0)
+    assert [frame.label for frame in bundle.frames] == ["N", "E"]
+    image = frame_image(bundle, bundle.frames[1])
+    assert image.shape == (12, 16, 3)
+    assert image.dtype == np.uint8
+
+
+def test_unknown_fields_survive_a_round_trip(bundle_dir):
+    bundle = load_bundle(bundle_dir)
+    written = json.loads(bundle.to_json())
+    assert written == json.loads((bundle_dir / "bundle.json").read_text())
+    assert written["schema"] == "skyfix.bundle/1"
+    assert written["created"] == "2026-11-23T04:31:51Z"
+    assert written["calibration"] == {"zero_tick": 2048}
+    assert written["frames"][0]["raw"]["pan_ticks"] == 2048
+    assert "prior" not in written
+
+
+def test_no_altimeter_no_compass_and_a_prior_are_said_as_the_contract_says_them(edit_bundle):
+    def change(fields):
+        fields["altitude"] = None
+        fields["azimuth_bias_sigma_deg"] = 180
+        fields["prior"] = {"lat_deg": 46.2, "lon_deg": -122.2, "radius_m": 2000.0}
+
+    bundle = load_bundle(edit_bundle(change))
+    assert bundle.altitude is None
+    assert bundle.azimuth_bias_sigma_deg == 180.0
+    assert bundle.prior == Prior(lat_deg=46.2, lon_deg=-122.2, radius_m=2000.0)
+    assert json.loads(bundle.to_json())["altitude"] is None
+
+
+@pytest.mark.parametrize(
+    ("change", "field", "complaint"),
+    [
+        (lambda b: b.pop("schema"), "schema", "required"),
+        (lambda b: b.update(schema="skyfix.bundle/2"), "schema", "skyfix.bundle/1"),
+        (lambda b: b.pop("camera"), "camera", "required"),
+        (lambda b: b["camera"].update(fx_px=0.0), "camera.fx_px", "greater than 0"),
+        (lambda b: b["camera"].update(fx_px="492.8"), "camera.fx_px", "number"),
+        (lambda b: b["camera"].update(cx_px=float("nan")), "camera.cx_px", "finite"),
+        (lambda b: b["camera"].update(width_px=640.5), "camera.width_px", "integer"),
+        (lambda b: b["camera"].update(distortion=[0.0] * 4), "camera.distortion[4]", "required"),
+        (lambda b: b.update(created="2026-11-23T04:31:51"), "created", "Z"),
+        (lambda b: b.update(created="2026-11-23T06:31:51+02:00"), "created", "UTC"),
+        (lambda b: b.update(mast_height_m=-1.0), "mast_height_m", "greater"),
+        (lambda b: b["altitude"].update(value_m=12000.0), "altitude.value_m", "9000"),
+        (lambda b: b["altitude"].update(sigma_m=-1.0), "altitude.sigma_m", "greater"),
+        (lambda b: b.update(azimuth_bias_sigma_deg=181.0), "azimuth_bias_sigma_deg", "180"),
+        (lambda b: b.update(frames=[]), "frames", "at least 1"),
+        (lambda b: b["frames"][1].update(azimuth_deg=360.0), "frames[1].azimuth_deg", "less than 360"),
+        (lambda b: b["frames"][1].update(tilt_deg=90.5), "frames[1].tilt_deg", "90"),
+        (lambda b: b["frames"][1].update(roll_deg=-181.0), "frames[1].roll_deg", "-180"),
+        (lambda b: b["frames"][1].pop("roll_sigma_deg"), "frames[1].roll_sigma_deg", "required"),
+        (lambda b: b["frames"][1].update(label="N"), "frames", "once"),
+        (lambda b: b["frames"][0].update(sha256="12"), "frames[0].sha256", "pattern"),
+        (lambda b: b["frames"][0].update(sha256="0" * 64), "frames[N].sha256", "checksum"),
+        (lambda b: b["frames"][0].update(file="frames/gone.png"), "frames[N].file", "missing"),
+        (lambda b: b["frames"][0].update(file="frames"), "frames[N].file", "directory"),
+        (lambda b: b["frames"][0].update(file="../outside.png"), "frames[0].file", "inside"),
+        (lambda b: b["frames"][0].update(file="frames/../../outside.png"), "frames[0].file", "inside"),
+        (lambda b: b["frames"][0].update(file="/etc/passwd"), "frames[0].file", "inside"),
+        (lambda b: b["frames"][0].update(file=""), "frames[0].file", "inside"),
+        (lambda b: b["camera"].update(width_px=17), "frames[N].file", "16 x 12 px"),
+        (lambda b: b.update(prior={"lat_deg": 91, "lon_deg": 0, "radius_m": 1}), "prior.lat_deg", "90"),
+    ],
+)
+def test_what_fails_is_refused_with_file_and_field(edit_bundle, change, field, complaint):
+    directory = edit_bundle(change)
+    with pytest.raises(BundleError) as refusal:
+        load_bundle(directory)
+    message = str(refusal.value)
+    assert message.startswith(f"{directory / 'bundle.json'}: {field}")
+    assert complaint.lower() in message.lower()
+    assert "\n" not in message
+
+
+@pytest.mark.parametrize("text", [b"", b"{", b"[1]", b"null", b"\xff\xfe", b"[" * 100_000])
+def test_what_is_no_json_object_is_refused(bundle_dir, text):
+    (bundle_dir / "bundle.json").write_bytes(text)
+    with pytest.raises(BundleError, match=r"bundle\.json: "):
+        load_bundle(bundle_dir)
+
+
+@given(text=st.binary(max_size=200))
+def test_no_content_of_bundle_json_ends_in_anything_but_a_refusal(tmp_path_factory, text):
+    directory = tmp_path_factory.mktemp("bundle")
+    (directory / "bundle.json").write_bytes(text)
+    with pytest.raises(BundleError):
+        load_bundle(directory)
+
+
+def test_a_link_that_leads_outside_is_refused(bundle_dir, edit_bundle):
+    outside = bundle_dir.parent / "outside.png"
+    (bundle_dir / "frames/N.png").rename(outside)
+    (bundle_dir / "frames/N.png").symlink_to(outside)
+    with pytest.raises(BundleError, match=r"frames\[N\]\.file: .*outside the bundle"):
+        load_bundle(bundle_dir)
+
+
+@pytest.mark.parametrize("content", [b"", b"not a picture", b"\x89PNG\r\n\x1a\n"])
+def test_a_file_that_is_no_picture_is_refused_even_with_the_right_checksum(bundle_dir, edit_bundle, content):
+    (bundle_dir / "frames/N.png").write_bytes(content)
+    edit_bundle(lambda b: b["frames"][0].update(sha256=hashlib.sha256(content).hexdigest()))
+    with pytest.raises(BundleError, match=r"frames\[N\]\.file: frames/N\.png is not a picture"):
+        load_bundle(bundle_dir)
+
+
+def test_no_directory_and_no_bundle_json_are_told_apart(tmp_path, bundle_dir):
+    with pytest.raises(BundleError, match="does not exist"):
+        load_bundle(tmp_path / "nowhere")
+    with pytest.raises(BundleError, match="is not a directory"):
+        load_bundle(bundle_dir / "bundle.json")
+    with pytest.raises(BundleError, match=r"holds no bundle\.json"):
+        load_bundle(tmp_path)
+
+
+def test_an_orientation_tag_does_not_turn_the_picture(bundle_dir, edit_bundle):
+    tag = Image.Exif()
+    tag[0x0112] = 6  # turn by 90 degrees for display
+    Image.new("RGB", (16, 12)).save(bundle_dir / "frames/N.jpg", exif=tag)
+    checksum = sha256_of(bundle_dir / "frames/N.jpg")
+    bundle = load_bundle(edit_bundle(lambda b: b["frames"][0].update(file="frames/N.jpg", sha256=checksum)))
+    assert frame_image(bundle, bundle.frames[0]).shape == (12, 16, 3)
+
+
+def test_a_grey_picture_comes_as_bgr(bundle_dir, edit_bundle):
+    grey = np.arange(192, dtype=np.uint8).reshape(12, 16)
+    cv2.imwrite(str(bundle_dir / "frames/N.png"), grey)
+    checksum = sha256_of(bundle_dir / "frames/N.png")
+    bundle = load_bundle(edit_bundle(lambda b: b["frames"][0].update(sha256=checksum)))
+    assert np.array_equal(frame_image(bundle, bundle.frames[0]), np.repeat(grey[:, :, None], 3, axis=2))
+
+
+def test_a_writer_constructs_the_models_with_plain_values():
+    frame = Frame(
+        label="045",
+        file="frames/045.png",
+        sha256="ab" * 32,
+        time=datetime(2026, 11, 23, 5, 31, 40, 250000, tzinfo=UTC),
+        azimuth_deg=np.float64(45.0),
+        azimuth_sigma_deg=0.1,
+        tilt_deg=0,
+        tilt_sigma_deg=0.01,
+        roll_deg=0.0,
+        roll_sigma_deg=0.02,
+    )
+    bundle = Bundle(
+        id="x",
+        created=datetime(2026, 11, 23, 5, 31, 51, tzinfo=UTC),
+        camera=Camera(width_px=640, height_px=480, fx_px=492.8, fy_px=492.8, cx_px=319.5, cy_px=239.5),
+        mast_height_m=2.0,
+        altitude=None,
+        azimuth_bias_sigma_deg=180.0,
+        tilt_bias_sigma_deg=0.02,
+        frames=[frame],
+    )
+    fields = json.loads(bundle.to_json())
+    assert fields["frames"][0]["time"] == "2026-11-23T05:31:40.250000Z"
+    assert fields["camera"]["distortion"] == [0.0] * 5
+    with pytest.raises(BundleError, match="not loaded from a directory"):
+        frame_image(bundle, frame)
+
+
+def test_a_local_time_is_no_bundle_time():
+    elsewhere = datetime(2026, 11, 23, 5, 31, 51, tzinfo=timezone(timedelta(hours=1)))
+    with pytest.raises(ValueError, match="UTC"):
+        Bundle.model_validate({"created": elsewhere})

@@ -1,0 +1,129 @@
+"""The horizon of a DEM: closed forms, a brute-force reference, and rays that start or end in odd places."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from affine import Affine
+from pyproj import CRS
+
+from localizer.dem import Dem, dem_from_array, load_dem
+from localizer.horizon.from_terrain import EARTH_RADIUS_M, Terrain, horizon, prepare_terrain
+
+SANTA_CRUZ = Path(__file__).parents[2] / "sim" / "terrain" / "santa_cruz_srtm_1s.tif"
+LOCAL = CRS.from_proj4("+proj=tmerc +lat_0=46 +lon_0=8 +k=1 +x_0=0 +y_0=0 +ellps=WGS84")
+SIDE = 201
+MIDDLE = (SIDE - 1) // 2
+CELL_M = 20.0
+
+
+def dem_of(height_m: np.ndarray) -> Dem:
+    half = SIDE * CELL_M / 2.0
+    return dem_from_array(height_m.astype(np.float32), Affine(CELL_M, 0.0, -half, 0.0, -CELL_M, half), LOCAL)
+
+
+def east_north() -> tuple[np.ndarray, np.ndarray]:
+    steps = (np.arange(SIDE) - MIDDLE) * CELL_M
+    return np.meshgrid(steps, -steps)
+
+
+@pytest.fixture(scope="module")
+def santa_cruz() -> Terrain:
+    return prepare_terrain(load_dem([SANTA_CRUZ]))
+
+
+def test_from_within_a_cone_shaped_bowl_every_horizon_is_the_rim():
+    east, north = east_north()
+    radius = np.hypot(east, north)
+    terrain = prepare_terrain(
+        dem_of(np.where(radius < 1500.0, 0.0, np.minimum(radius - 1500.0, 300.0) * 0.5))
+    )
+    azimuth = np.arange(0.0, 360.0, 7.5)
+    elevation, distance = horizon(terrain, MIDDLE, MIDDLE, 2.0, azimuth)
+    closed = np.degrees(np.arctan((150.0 - 2.0) / 1800.0 - terrain.drop_per_m2 * 1800.0))
+    assert elevation[0] == pytest.approx(
+        np.full(len(azimuth), closed), abs=0.06
+    )  # a crest rounded by half a cell
+    assert distance[0] == pytest.approx(np.full(len(azimuth), 1800.0), abs=CELL_M * 1.5)
+
+
+def test_a_wall_stands_at_the_angle_of_its_crest_whatever_the_azimuth():
+    _, north = east_north()
+    crest = 600.0
+    terrain = prepare_terrain(dem_of(np.where(np.isclose(north, crest), 100.0, 0.0)))
+    azimuth = np.array([0.0, 20.0, -40.0])
+    elevation, distance = horizon(terrain, MIDDLE, MIDDLE, 10.0, azimuth)
+    along = crest / np.cos(np.radians(azimuth))
+    closed = np.degrees(np.arctan(90.0 / along - terrain.drop_per_m2 * along))
+    assert elevation[0] == pytest.approx(closed, abs=1e-4)
+    assert distance[0] == pytest.approx(along, abs=0.1)
+
+
+def test_over_a_level_sea_the_horizon_dips_by_the_square_root_of_the_height():
+    flat = np.zeros((SIDE, SIDE), np.float32)
+    wide = Affine(200.0, 0.0, -SIDE * 100.0, 0.0, -200.0, SIDE * 100.0)
+    terrain = prepare_terrain(dem_from_array(flat, wide, LOCAL))
+    height = 10.0
+    elevation, distance = horizon(terrain, MIDDLE, MIDDLE, height, np.array([0.0, 33.0, 90.0, 210.0]))
+    curvature = 0.87 / EARTH_RADIUS_M
+    assert elevation[0] == pytest.approx(np.full(4, -np.degrees(np.sqrt(2.0 * height * curvature))), abs=1e-4)
+    assert distance[0] == pytest.approx(np.full(4, np.sqrt(2.0 * height / curvature)), rel=0.05)
+
+
+def test_the_horizon_of_real_terrain_is_that_of_a_brute_force_march(santa_cruz: Terrain):
+    dem = santa_cruz.dem
+    rng = np.random.default_rng(4)
+    for _ in range(25):
+        row, col = rng.uniform(100.0, 700.0, 2)
+        eye = float(dem.ground_m(row, col)) + 2.0
+        azimuth = rng.uniform(0.0, 360.0)
+        elevation, _ = horizon(santa_cruz, row, col, eye, azimuth)
+        s = np.concatenate([np.arange(0.02, 400.0, 0.02), np.arange(400.0, 30_000.0, 0.2)])
+        e, n = s * np.sin(np.radians(azimuth)), s * np.cos(np.radians(azimuth))
+        frame = santa_cruz.frames.at(np.array([row]), np.array([col]))[0]
+        steps = frame @ np.stack([e, n, e * e, e * n, n * n])
+        tangent = (dem.ground_m(row + steps[0], col + steps[1]) - eye) / s - santa_cruz.drop_per_m2 * s
+        best = int(np.nanargmax(tangent))
+        assert elevation[0, 0] >= np.degrees(np.arctan(tangent[best])) - 1e-4
+        assert elevation[0, 0] == pytest.approx(
+            np.degrees(np.arctan(tangent[best])), abs=0.003 + 0.3 / s[best]
+        )
+
+
+def test_turning_the_grid_does_not_turn_the_horizon(santa_cruz: Terrain):
+    """The same place on a grid with its rows and columns exchanged and mirrored sees the same mirrored horizon."""
+    east, north = east_north()
+    height = 80.0 * np.sin(east / 310.0) * np.cos(north / 230.0) + 0.03 * east
+    straight, turned = prepare_terrain(dem_of(height)), prepare_terrain(dem_of(height.T[::-1, ::-1]))
+    azimuth = np.arange(0.0, 360.0, 11.0)
+    first, _ = horizon(straight, 80.3, 120.6, 150.0, azimuth)
+    # (row, col) -> (last - col, last - row) mirrors east and north into north and east.
+    second, _ = horizon(turned, SIDE - 1 - 120.6, SIDE - 1 - 80.3, 150.0, 90.0 - azimuth)
+    assert first[0] == pytest.approx(second[0], abs=5e-3)
+
+
+def test_a_void_hides_nothing_and_shows_nothing():
+    _, north = east_north()
+    height = np.where(np.isclose(north, 600.0), 100.0, 0.0)
+    height[np.isclose(north, 600.0)] = np.nan
+    terrain = prepare_terrain(dem_of(height))
+    elevation, _ = horizon(terrain, MIDDLE, MIDDLE, 10.0, 0.0)
+    assert elevation[0, 0] < 0.0
+
+
+def test_an_observer_outside_the_grid_looks_in_and_sees_nothing_the_other_way():
+    _, north = east_north()
+    terrain = prepare_terrain(dem_of(np.where(np.isclose(north, 600.0), 100.0, 0.0)))
+    elevation, distance = horizon(terrain, SIDE + 20.0, MIDDLE, 10.0, np.array([0.0, 180.0, 90.0]))
+    south_of_crest = (SIDE + 20.0 - MIDDLE) * CELL_M + 600.0
+    assert distance[0, 0] == pytest.approx(south_of_crest, abs=0.5)
+    assert elevation[0, 1:] == pytest.approx([-90.0, -90.0])
+    assert np.isnan(distance[0, 1:]).all()
+
+
+def test_a_higher_eye_sees_a_lower_horizon(santa_cruz: Terrain):
+    ground = float(santa_cruz.dem.ground_m(400.0, 400.0))
+    azimuth = np.arange(0.0, 360.0, 5.0)
+    low, _ = horizon(santa_cruz, 400.0, 400.0, ground + 2.0, azimuth)
+    high, _ = horizon(santa_cruz, 400.0, 400.0, ground + 50.0, azimuth)
+    assert (high <= low + 1e-9).all()

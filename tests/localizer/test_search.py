@@ -1,0 +1,244 @@
+"""The search finds where a skyline was seen from, says how sure it is, and does not answer where it cannot.
+
+Contours come from the very surface that is searched; pictures and other surfaces are the end-to-end tests' affair.
+"""
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from localizer.camera import camera_to_world, project
+from localizer.dem import load_dem
+from localizer.fix import Fix
+from localizer.geodesy import rowcol_to_lonlat
+from localizer.horizon.from_terrain import Terrain, horizon, prepare_terrain
+from localizer.locate import fix_of, locate
+from localizer.observation import FrameObservation, Observation, PriorCircle
+from localizer.search.contours import frame_contour, measured_skyline
+from localizer.search.refine import Problem, refine
+from localizer.search.stage1 import bands, half_cell_relief, heading_offsets_deg, search_stage1
+
+SANTA_CRUZ = Path(__file__).parents[2] / "sim" / "terrain" / "santa_cruz_srtm_1s.tif"
+PLACE = (536.9, 389.1)
+
+
+@dataclass(frozen=True)
+class Lens:
+    width_px: int = 640
+    height_px: int = 480
+    fx_px: float = 492.8
+    fy_px: float = 492.8
+    cx_px: float = 319.5
+    cy_px: float = 239.5
+    distortion: tuple[float, float, float, float, float] = (-0.06, 0.012, 0.0, 0.0, 0.0)
+
+
+@pytest.fixture(scope="module")
+def terrain() -> Terrain:
+    return prepare_terrain(load_dem([SANTA_CRUZ]))
+
+
+def observe(
+    terrain: Terrain,
+    place: tuple[float, float] = PLACE,
+    *,
+    azimuths: tuple[float, ...] = (0.3, 89.5, 180.2, 270.6),
+    azimuth_bias_deg: float = 0.7,
+    altitude_error_m: float = 3.0,
+    noise_px: float = 0.3,
+    seed: int = 1,
+) -> Observation:
+    """Contours seen from a place by a rig whose readings are wrong by the biases given."""
+    rng = np.random.default_rng(seed)
+    eye = float(terrain.dem.ground_m(*place)) + 2.0
+    frames = []
+    for number, azimuth in enumerate(azimuths):
+        rays = azimuth + np.arange(-45.0, 45.0, 0.05)
+        elevation, _ = horizon(terrain, *place, eye, rays)
+        tilt, roll = float(np.median(elevation)), float(rng.normal(0.0, 1.0))
+        u, v = project(Lens(), camera_to_world(azimuth, tilt, roll), rays, elevation[0])
+        columns = np.arange(640.0)
+        rows = np.interp(columns, u, v) + rng.normal(0.0, noise_px, 640)
+        inside = (rows > 0.0) & (rows < 479.0)
+        frames.append(
+            FrameObservation(
+                label=f"frame {number}",
+                camera=Lens(),
+                azimuth_deg=azimuth + azimuth_bias_deg + float(rng.normal(0.0, 0.1)),
+                azimuth_sigma_deg=0.1,
+                tilt_deg=tilt + float(rng.normal(0.0, 0.01)),
+                tilt_sigma_deg=0.01,
+                roll_deg=roll + float(rng.normal(0.0, 0.02)),
+                roll_sigma_deg=0.02,
+                u_px=columns[inside],
+                v_px=rows[inside],
+                sigma_px=np.full(int(inside.sum()), max(noise_px, 0.1)),
+            )
+        )
+    return Observation(tuple(frames), 2.0, eye + altitude_error_m, 5.0, 1.0, 0.02)
+
+
+def error_cells(located, place=PLACE) -> float:
+    return float(np.hypot(located.best.row - place[0], located.best.col - place[1]))
+
+
+def test_the_place_is_found_within_a_small_part_of_a_cell(terrain):
+    located = locate(terrain, observe(terrain))
+    assert located.decision.status == "fix"
+    assert error_cells(located) < 0.05
+    assert located.best.azimuth_bias_deg == pytest.approx(0.7, abs=0.15)
+
+
+def test_the_error_agrees_with_the_covariance(terrain):
+    """Squared errors in units of the covariance average to the two dimensions of the place."""
+    squares = []
+    for seed in range(6):
+        located = locate(terrain, observe(terrain, noise_px=2.0, seed=seed))
+        best = located.best
+        dem = terrain.dem
+        off = np.array([(best.col - PLACE[1]) * dem.spacing_ew_m, (PLACE[0] - best.row) * dem.spacing_ns_m])
+        squares.append(off @ np.linalg.solve(best.covariance_enu_m2, off))
+    assert 0.3 < np.mean(squares) < 5.0
+
+
+def test_stage_one_keeps_the_true_cell_and_counts_what_it_did(terrain):
+    observation = observe(terrain)
+    skyline = measured_skyline(observation, tuple(frame_contour(f) for f in observation.frames))
+    directions = bands(skyline, heading_offsets_deg(1.0))
+    stage1 = search_stage1(terrain, directions, 2.0, observation.altitude_m, 5.0, 3.0)
+    left = [len(cells) for cells in stage1.survivors.values()]
+    assert left == sorted(left, reverse=True)
+    assert left[-1] < 0.01 * stage1.cells
+    assert np.abs(stage1.last - np.round(PLACE)).sum(axis=1).min() <= 1
+    assert stage1.points_explored > left[0]
+    assert [band.label for band in directions] == list(stage1.survivors)[1:]
+
+
+def test_the_lowest_skyline_is_searched_first(terrain):
+    observation = observe(terrain)
+    skyline = measured_skyline(observation, tuple(frame_contour(f) for f in observation.frames))
+    highest = [
+        np.median(band.high[np.isfinite(band.high)]) for band in bands(skyline, heading_offsets_deg(1.0))
+    ]
+    assert highest == sorted(highest)
+
+
+def test_heading_hypotheses_cover_three_sigma_and_fit_the_mask():
+    assert heading_offsets_deg(0.0) == pytest.approx([0.0])
+    offsets = heading_offsets_deg(1.0)
+    assert offsets[0] <= -3.0
+    assert offsets[-1] >= 3.0
+    assert len(heading_offsets_deg(180.0)) <= 64
+
+
+def test_half_a_cell_away_the_ground_differs_by_half_a_step():
+    relief = half_cell_relief(np.array([[0.0, 10.0, 10.0], [0.0, 10.0, 14.0]], np.float32))
+    assert relief == pytest.approx(np.array([[5.0, 5.0, 2.0], [5.0, 5.0, 2.0]]))
+
+
+@pytest.mark.parametrize("azimuths", [(20.0, 140.0, 260.0), (0.0, 40.0, 80.0, 120.0, 200.0, 290.0)])
+def test_frames_may_look_in_any_directions_and_be_any_number(terrain, azimuths):
+    located = locate(terrain, observe(terrain, azimuths=azimuths))
+    assert located.decision.status == "fix"
+    assert error_cells(located) < 0.1
+
+
+def test_a_stretch_of_wrong_contour_does_not_outweigh_the_rest(terrain):
+    observation = observe(terrain)
+    frame = observation.frames[1]
+    wrong = frame.v_px.copy()
+    wrong[100:260] -= 40.0
+    spoilt = dataclasses.replace(
+        observation,
+        frames=(observation.frames[0], dataclasses.replace(frame, v_px=wrong), *observation.frames[2:]),
+    )
+    located = locate(terrain, spoilt)
+    assert located.decision.status == "fix"
+    assert error_cells(located) < 0.3
+
+
+def test_a_frame_whose_centre_is_hidden_does_not_lose_the_place(terrain):
+    observation = observe(terrain)
+    frame = observation.frames[2]
+    wrong = frame.v_px.copy()
+    wrong[250:390] = 30.0
+    spoilt = dataclasses.replace(
+        observation,
+        frames=(*observation.frames[:2], dataclasses.replace(frame, v_px=wrong), observation.frames[3]),
+    )
+    located = locate(terrain, spoilt)
+    assert located.decision.status == "fix"
+    assert error_cells(located) < 0.3
+
+
+def test_without_an_altimeter_the_place_is_still_found(terrain):
+    located = locate(terrain, dataclasses.replace(observe(terrain), altitude_m=None, altitude_sigma_m=np.inf))
+    assert located.decision.status == "fix"
+    assert error_cells(located) < 0.1
+
+
+def test_a_place_outside_the_dem_is_not_found(terrain):
+    dem = terrain.dem
+    elsewhere = dataclasses.replace(
+        dem, z_m=np.where(np.arange(dem.cols)[None, :] < 300, dem.z_m, np.float32(np.nan)).astype(np.float32)
+    )
+    located = locate(prepare_terrain(elsewhere), observe(terrain, (400.0, 600.0)))
+    assert located.decision.status == "none"
+    assert located.best is None
+
+
+def test_an_altitude_outside_the_dem_finds_nothing(terrain):
+    located = locate(terrain, dataclasses.replace(observe(terrain), altitude_m=5000.0))
+    assert located.decision.status == "none"
+
+
+def test_no_contour_at_all_finds_nothing(terrain):
+    observation = observe(terrain)
+    empty = np.zeros(0)
+    blind = tuple(dataclasses.replace(f, u_px=empty, v_px=empty, sigma_px=empty) for f in observation.frames)
+    assert locate(terrain, dataclasses.replace(observation, frames=blind)).decision.status == "none"
+
+
+def test_a_prior_keeps_the_search_within_its_circle(terrain):
+    lon, lat = rowcol_to_lonlat(terrain.dem, *PLACE)
+    near = PriorCircle(float(lat), float(lon), 1500.0)
+    located = locate(terrain, dataclasses.replace(observe(terrain), prior=near))
+    assert located.decision.status == "fix"
+    assert located.stage1.survivors["altitude"].shape[0] < 10_000
+    lon, lat = rowcol_to_lonlat(terrain.dem, 100.0, 700.0)
+    wrong = PriorCircle(float(lat), float(lon), 1500.0)
+    assert locate(terrain, dataclasses.replace(observe(terrain), prior=wrong)).decision.status == "none"
+
+
+def test_the_fix_speaks_the_contracts_language(terrain):
+    observation = observe(terrain)
+    located = locate(terrain, observation)
+    fix = fix_of(terrain, observation, located, "a bundle", located.timing_s)
+    again = Fix.model_validate_json(fix.to_json())
+    assert again.position.crs == "EPSG:32610"
+    assert again.position.row == pytest.approx(PLACE[0], abs=0.1)
+    assert again.nuisance.altitude_bias_m == pytest.approx(3.0, abs=2.0)
+    assert again.stage1.cells == 640_000
+    assert list(again.stage1.after) == list(located.stage1.survivors)[1:]
+    assert set(again.residual) == {f.label for f in observation.frames}
+
+
+def test_refinement_comes_home_from_two_cells_away(terrain):
+    observation = observe(terrain, azimuth_bias_deg=0.0)
+    problem = Problem(terrain, observation, tuple(frame_contour(f) for f in observation.frames), stride=8)
+    eye = float(terrain.dem.ground_m(*PLACE)) + 2.0
+    refined = refine(
+        problem,
+        PLACE[0] + 1.4,
+        PLACE[1] - 1.4,
+        eye,
+        0.0,
+        iterations=25,
+        dem_error_m=6.0,
+        largest_dem_error_m=12.0,
+        settle=True,
+    )
+    assert np.hypot(refined.row - PLACE[0], refined.col - PLACE[1]) < 0.1
