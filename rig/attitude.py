@@ -1,0 +1,204 @@
+"""From accelerometer readings to tilt and roll of the head, and to the attitude of the base it stands on.
+
+An accelerometer at rest measures +1 g along the axis that points up. In the head frame (x right, y forward,
+z up) that gives tilt = asin(y) and roll = atan2(-x, z).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.errors import DeviceError
+from rig.kinematics import Attitude, JointAngles, body_attitude, head_rotation
+
+Vector = NDArray[np.float64]
+
+# Enough groups for the median to outvote a gust or a slammed door, few enough that each averages well.
+MEDIAN_GROUPS = 9
+MEDIAN_EFFICIENCY = 1.2533  # standard error of a median in those of a mean, for normal errors
+PLAUSIBLE_G = (0.9, 1.1)
+MISFIT_LIMIT_DEG = 0.5
+ITERATIONS = 6
+DERIVATIVE_STEP_DEG = 1e-4
+
+
+class Acceleration(Protocol):
+    """One sample in chip axes, g; ``z_g`` is None for a two-axis chip."""
+
+    @property
+    def x_g(self) -> float: ...
+    @property
+    def y_g(self) -> float: ...
+    @property
+    def z_g(self) -> float | None: ...
+
+
+@dataclass(frozen=True)
+class HeadLevel:
+    """Tilt and roll of the head by the inclinometer over some seconds.
+
+    ``mean_g`` is the average in head axes; the noise is that of the average, from the scatter.
+    """
+
+    mean_g: tuple[float, float, float]
+    tilt_deg: float
+    roll_deg: float
+    tilt_noise_deg: float
+    roll_noise_deg: float
+    samples: int
+
+
+@dataclass(frozen=True)
+class LevelReading:
+    """What the head read at one position of the joints."""
+
+    joints: JointAngles
+    level: HeadLevel
+
+
+@dataclass(frozen=True)
+class LevelSigmas:
+    """What is known beforehand: noise of a reading, of the inclinometer's zero, and of the tilt joint."""
+
+    tilt_deg: float
+    roll_deg: float
+    zero_deg: float
+    joint_deg: float
+
+
+@dataclass(frozen=True)
+class BaseLevel:
+    """How the base stands, and the inclinometer's zero error (to be subtracted from what it reads).
+
+    ``residual_deg`` is the rms misfit of the roll readings, which no joint disturbs.
+    """
+
+    pitch_deg: float
+    roll_deg: float
+    tilt_zero_deg: float
+    tilt_zero_sigma_deg: float
+    roll_zero_deg: float
+    roll_zero_sigma_deg: float
+    sigma_deg: float
+    residual_deg: float
+
+    def attitude(self, heading_deg: float) -> Attitude:
+        """The base with a heading."""
+        return Attitude(heading_deg, self.pitch_deg, self.roll_deg)
+
+
+def in_axes(chip: Vector, axes: Sequence[str]) -> Vector:
+    """Chip vectors (..., 3) in the frame whose x, y, z are these signed chip axes: ``["+y", "-x", "+z"]``."""
+    columns = ["xyz".index(axis[1]) for axis in axes]
+    signs = np.array([-1.0 if axis[0] == "-" else 1.0 for axis in axes])
+    return np.asarray(chip[..., columns] * signs)
+
+
+def head_level(samples: Sequence[Acceleration], axes: Sequence[str], device: str) -> HeadLevel:
+    """Average of accelerometer samples, robust against a few taken while something shook the mast.
+
+    A two-axis chip's missing z is what is left of 1 g. ``DeviceError`` where that cannot be gravity.
+    """
+    chip = np.array([[s.x_g, s.y_g, np.nan if s.z_g is None else s.z_g] for s in samples], float)
+    head = in_axes(chip, axes)
+    if np.isnan(head[:, 2]).any():
+        horizontal = head[:, 0] ** 2 + head[:, 1] ** 2
+        if (horizontal >= 1.0).any():
+            raise _not_gravity(device, float(np.sqrt(horizontal.max())))
+        head[:, 2] = np.sqrt(1.0 - horizontal)
+    means = np.array([group.mean(axis=0) for group in np.array_split(head, min(MEDIAN_GROUPS, len(head)))])
+    vector = np.median(means, axis=0)
+    size = float(np.linalg.norm(vector))
+    if not PLAUSIBLE_G[0] <= size <= PLAUSIBLE_G[1]:
+        raise _not_gravity(device, size)
+    tilts, rolls = tilt_roll_deg(means)
+    x_g, y_g, z_g = (float(v) for v in vector)
+    tilt_deg, roll_deg = tilt_roll_deg(vector)
+    noise_of = MEDIAN_EFFICIENCY / np.sqrt(len(means))
+    return HeadLevel(
+        (x_g, y_g, z_g),
+        float(tilt_deg),
+        float(roll_deg),
+        float(tilts.std(ddof=1) * noise_of) if len(means) > 1 else np.inf,
+        float(rolls.std(ddof=1) * noise_of) if len(means) > 1 else np.inf,
+        len(head),
+    )
+
+
+def tilt_roll_deg(up: Vector) -> tuple[Vector, Vector]:
+    """Tilt and roll of a head that sees ``up`` (..., 3) of any length in its axes."""
+    x, y, z = up[..., 0], up[..., 1], up[..., 2]
+    return np.degrees(np.arcsin(y / np.linalg.norm(up, axis=-1))), np.degrees(np.arctan2(-x, z))
+
+
+def base_level(readings: Sequence[LevelReading], sigmas: LevelSigmas) -> BaseLevel:
+    """Attitude of the base and zero error of the inclinometer from readings at several pan angles.
+
+    Turning the pan turns the base's slope round in the head, while the zero error turns with the head: that
+    tells them apart. The zero error in tilt cannot be told from one of the tilt joint (zero tick, play), so
+    the two share it as their sigmas say; the zero error in roll is measured outright. ``DeviceError`` where
+    the readings fit no single attitude. (Least squares.)
+    """
+    measured = np.array([[r.level.tilt_deg, r.level.roll_deg] for r in readings])
+    reading_sigmas = np.array([np.hypot(sigmas.tilt_deg, sigmas.joint_deg), sigmas.roll_deg])
+    prior_sigmas = np.array([sigmas.zero_deg, sigmas.zero_deg, sigmas.joint_deg])
+
+    def predicted(pitch_deg: float, roll_deg: float, joint_deg: float) -> Vector:
+        base = Attitude(0.0, pitch_deg, roll_deg)
+        joints = [JointAngles(r.joints.pan_deg, r.joints.tilt_deg + joint_deg) for r in readings]
+        heads = [body_attitude(head_rotation(base, each)) for each in joints]
+        return np.array([[head.tilt_deg, head.roll_deg] for head in heads])
+
+    def misfit(unknowns: Vector) -> Vector:
+        pitch_deg, roll_deg, tilt_zero_deg, roll_zero_deg, joint_deg = unknowns
+        zero_deg = np.array([tilt_zero_deg, roll_zero_deg])
+        expected = predicted(pitch_deg, roll_deg, joint_deg) + zero_deg
+        return np.hstack([((measured - expected) / reading_sigmas).ravel(), unknowns[2:] / prior_sigmas])
+
+    solution, covariance = _least_squares(misfit, np.zeros(5))
+    pitch_deg, roll_deg, tilt_zero_deg, roll_zero_deg, joint_deg = (float(v) for v in solution)
+    deviations = np.sqrt(np.diag(covariance))
+    off = measured - predicted(pitch_deg, roll_deg, joint_deg) - [tilt_zero_deg, roll_zero_deg]
+    if np.abs(off).max() > max(MISFIT_LIMIT_DEG, 5.0 * reading_sigmas.max()):
+        raise DeviceError(
+            "inclinometer",
+            f"its readings at {len(readings)} pan angles fit no one attitude of the vehicle "
+            f"({np.abs(off).max():.1f} deg apart)",
+            "measure while the vehicle stands still; if it does, check [inclinometer] axes and "
+            "[pan_tilt.pan] zero_tick, direction",
+        )
+    return BaseLevel(
+        pitch_deg,
+        roll_deg,
+        tilt_zero_deg,
+        float(deviations[2]),
+        roll_zero_deg,
+        float(deviations[3]),
+        float(np.hypot(*deviations[:2])),
+        float(np.sqrt(np.mean(off[:, 1] ** 2))),
+    )
+
+
+def _least_squares(misfit: Callable[[Vector], Vector], start: Vector) -> tuple[Vector, Vector]:
+    """Where the sum of squares of ``misfit`` is least, and the covariance there, by Gauss and Newton.
+
+    For what is close to linear in its unknowns, as angles of a few degrees are.
+    """
+    at = start
+    for _ in range(ITERATIONS):
+        here = misfit(at)
+        steps = np.eye(len(at)) * DERIVATIVE_STEP_DEG
+        jacobian = np.column_stack([(misfit(at + step) - here) / DERIVATIVE_STEP_DEG for step in steps])
+        at = at - np.linalg.lstsq(jacobian, here, rcond=None)[0]
+    return at, np.asarray(np.linalg.inv(jacobian.T @ jacobian), float)
+
+
+def _not_gravity(device: str, size_g: float) -> DeviceError:
+    return DeviceError(
+        device,
+        f"measures {size_g:.3f} g where gravity is 1 g",
+        "keep the vehicle still, and check the chip's range and [inclinometer] chip, axes",
+    )

@@ -1,0 +1,149 @@
+"""Write a measurement bundle (``skyfix.bundle/1``): the directory is complete, or it is not there."""
+
+import os
+import secrets
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from localizer.bundle import FILE_NAME, Altitude, Bundle, Camera, Frame, load_bundle, sha256_of
+from rig.errors import RigError
+
+
+class BundleWriteError(RigError):
+    """The bundle cannot be written where it should go."""
+
+
+@dataclass(frozen=True)
+class FrameRecord:
+    """One picture with its calibrated readings, and in ``raw`` what they were derived from (JSON values)."""
+
+    label: str
+    image_bgr: NDArray[np.uint8]
+    time: datetime
+    azimuth_deg: float
+    azimuth_sigma_deg: float
+    tilt_deg: float
+    tilt_sigma_deg: float
+    roll_deg: float
+    roll_sigma_deg: float
+    raw: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """Everything that goes into a bundle. ``raw`` and ``calibration`` hold JSON values."""
+
+    created: datetime
+    camera: Camera
+    mast_height_m: float
+    altitude: Altitude | None
+    azimuth_bias_sigma_deg: float
+    tilt_bias_sigma_deg: float
+    frames: Sequence[FrameRecord]
+    raw: Mapping[str, Any]
+    calibration: Mapping[str, Any]
+
+
+def require_writable(folder: Path) -> None:
+    """Raise ``BundleWriteError`` where bundles cannot be put into ``folder``, which need not exist yet.
+
+    Asked before anything is measured: a capture takes long enough to be annoyed by a misspelt --out.
+    """
+    existing = folder
+    while not existing.exists() and existing != existing.parent:
+        existing = existing.parent
+    if not existing.is_dir():
+        raise BundleWriteError(f"{folder}: {existing} is not a directory; choose another with --out")
+    if not os.access(existing, os.W_OK | os.X_OK):
+        raise BundleWriteError(f"{folder}: no permission to write in {existing}; choose another with --out")
+
+
+def write_bundle(folder: Path, measurement: Measurement) -> Path:
+    """Write a bundle into ``folder`` (made where absent) and return its directory, named by its id.
+
+    It is written under a hidden name, brought to the disk, read back as its reader will, and then renamed. Where
+    any of that fails or is interrupted, nothing is left behind. ``BundleWriteError`` where the disk refuses;
+    ``BundleError`` where the measurement makes no valid bundle.
+    """
+    name = f"{measurement.created:%Y%m%dT%H%M%SZ}-{secrets.token_hex(2)}"
+    partial = folder / f".{name}.partial"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (partial / "frames").mkdir(parents=True)
+        frames = [_write_frame(partial, frame) for frame in measurement.frames]
+        _write(partial / FILE_NAME, _bundle(name, measurement, frames).to_json().encode())
+        for directory in (partial / "frames", partial):
+            _sync_directory(directory)
+        load_bundle(partial)
+        partial.rename(folder / name)
+        _sync_directory(folder)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise BundleWriteError(
+            f"{folder / name}: cannot be written: {reason}; choose another with --out"
+        ) from error
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+    return folder / name
+
+
+def _bundle(name: str, measurement: Measurement, frames: list[Frame]) -> Bundle:
+    return Bundle.model_validate(
+        {
+            "schema": "skyfix.bundle/1",
+            "id": name,
+            "created": measurement.created.replace(microsecond=0),
+            "camera": measurement.camera,
+            "mast_height_m": measurement.mast_height_m,
+            "altitude": measurement.altitude,
+            "azimuth_bias_sigma_deg": measurement.azimuth_bias_sigma_deg,
+            "tilt_bias_sigma_deg": measurement.tilt_bias_sigma_deg,
+            "frames": frames,
+            "raw": dict(measurement.raw),
+            "calibration": dict(measurement.calibration),
+        }
+    )
+
+
+def _write_frame(directory: Path, record: FrameRecord) -> Frame:
+    file = f"frames/{record.label}.png"
+    _write(directory / file, cv2.imencode(".png", record.image_bgr)[1].tobytes())
+    return Frame.model_validate(
+        {
+            "label": record.label,
+            "file": file,
+            "sha256": sha256_of(directory / file),
+            "time": record.time,
+            "azimuth_deg": round(record.azimuth_deg, 6) % 360.0,  # rounded first: -1e-15 % 360 is 360
+            "azimuth_sigma_deg": record.azimuth_sigma_deg,
+            "tilt_deg": record.tilt_deg,
+            "tilt_sigma_deg": record.tilt_sigma_deg,
+            "roll_deg": record.roll_deg,
+            "roll_sigma_deg": record.roll_sigma_deg,
+            "raw": dict(record.raw),
+        }
+    )
+
+
+def _write(path: Path, content: bytes) -> None:
+    with path.open("xb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _sync_directory(path: Path) -> None:
+    """Bring the names in a directory to the disk: a rename that outlives a power cut needs them there first."""
+    descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

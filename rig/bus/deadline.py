@@ -1,0 +1,42 @@
+"""Deadlines on the monotonic clock: GPS, NTP or a boot without a clock may step the wall clock any time."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Deadline:
+    """A moment on ``time.monotonic``'s clock, seconds."""
+
+    at_s: float
+
+    @classmethod
+    def after(cls, seconds: float) -> "Deadline":
+        """The moment ``seconds`` from now."""
+        return cls(time.monotonic() + seconds)
+
+    @property
+    def remaining_s(self) -> float:
+        """Seconds left, never negative."""
+        return max(0.0, self.at_s - time.monotonic())
+
+    @property
+    def expired(self) -> bool:
+        """Whether the moment has passed."""
+        return time.monotonic() >= self.at_s
+
+
+def wait_until(condition: Callable[[], bool], deadline: Deadline, poll_s: float) -> bool:
+    """Ask ``condition`` every ``poll_s`` seconds until it holds; False if it still does not at the deadline.
+
+    It is asked at least once, and once more after the deadline, so that a process that was not scheduled
+    for a while does not take its own absence for the device's.
+    """
+    while True:
+        last_try = deadline.expired
+        if condition():
+            return True
+        if last_try:
+            return False
+        time.sleep(min(poll_s, deadline.remaining_s))

@@ -1,0 +1,195 @@
+"""I2C buses: the kernel's (/dev/i2c-N) and one reached over the network (tcp://HOST:PORT/BUS).
+
+A bus knows messages, not chips. It fails as the kernel does, with an ``OSError`` whose errno says why: 121 no
+acknowledge, 110 timed out, 5 the lines are stuck.
+"""
+
+import errno
+import os
+import re
+import socket
+import struct
+import threading
+from typing import Protocol
+
+import smbus2
+
+from rig.errors import ConfigError, DeviceError
+
+_BRIDGE_TIMEOUT_S = 2.0
+_BRIDGE_REQUEST = struct.Struct(">BBHH")  # bus, address, write length, read length
+_BRIDGE_ANSWER = struct.Struct(">HH")  # errno (0 = done), length of the data that follow
+_BRIDGE_URL = re.compile(r"tcp://(?P<host>[^/:]+|\[[^]]+\]):(?P<port>\d{1,5})/(?P<bus>\d{1,3})")
+
+
+class I2cBus(Protocol):
+    """What the chip drivers need of a bus."""
+
+    def transfer(self, address: int, write: bytes, read_length: int) -> bytes:
+        """Write, then read after a repeated start, in one transaction; either part may be empty.
+
+        Raises ``OSError`` with the kernel's errno.
+        """
+        ...
+
+    def close(self) -> None:
+        """Give the bus back. Closing twice is no error."""
+        ...
+
+
+class SmbusI2c:
+    """A bus of the Linux kernel. Raises ``DeviceError`` where the device file cannot be opened."""
+
+    def __init__(self, path: str) -> None:
+        self._path = path
+        try:
+            self._bus = smbus2.SMBus(path)
+        except OSError as error:
+            remedy = {
+                errno.ENOENT: "enable the bus (on a Raspberry Pi: dtparam=i2c_arm=on) or correct `bus`",
+                errno.EACCES: "add the user to the group of the device file, often i2c",
+            }.get(error.errno or 0, "correct `bus`")
+            raise DeviceError(f"I2C bus {path}", f"cannot be opened ({error.strerror})", remedy) from error
+
+    def __str__(self) -> str:
+        return self._path
+
+    def transfer(self, address: int, write: bytes, read_length: int) -> bytes:
+        # i2c_rdwr and not the SMBus calls: those stop at 32 bytes and do not exist without a register.
+        messages = []
+        reading = smbus2.i2c_msg.read(address, read_length)
+        if write or not read_length:
+            messages.append(smbus2.i2c_msg.write(address, write))
+        if read_length:
+            messages.append(reading)
+        self._bus.i2c_rdwr(*messages)
+        return bytes(reading)
+
+    def close(self) -> None:
+        self._bus.close()
+
+
+class BridgeI2c:
+    """A bus behind a TCP bridge: request = bus u8, address u8, write length u16, read length u16, bytes to
+    write; answer = errno u16, length u16, data. Big-endian; one connection carries many requests in order.
+
+    Raises ``DeviceError`` where the bridge cannot be reached. A connection that breaks or falls silent
+    later is an ``OSError`` of the transfer, and the next transfer connects anew: half an answer may still
+    be under way.
+    """
+
+    def __init__(self, host: str, port: int, bus: int) -> None:
+        self._host, self._port, self._bus = host, port, bus
+        self._socket: socket.socket | None = None
+        try:
+            self._connection()
+        except OSError as error:
+            raise DeviceError(
+                f"I2C bridge {host}:{port}",
+                f"cannot be reached ({error.strerror or error})",
+                "start it or correct `bus`",
+            ) from error
+
+    def __str__(self) -> str:
+        return f"tcp://{self._host}:{self._port}/{self._bus}"
+
+    def transfer(self, address: int, write: bytes, read_length: int) -> bytes:
+        request = _BRIDGE_REQUEST.pack(self._bus, address, len(write), read_length) + write
+        try:
+            connection = self._connection()
+            connection.sendall(request)
+            status, length = _BRIDGE_ANSWER.unpack(_receive(connection, _BRIDGE_ANSWER.size))
+            data = _receive(connection, length)
+        except OSError as error:
+            self.close()
+            if isinstance(error, TimeoutError):
+                raise OSError(errno.ETIMEDOUT, "the I2C bridge does not answer") from error
+            raise
+        if status:
+            raise OSError(status, os.strerror(status))
+        return data
+
+    def close(self) -> None:
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+    def _connection(self) -> socket.socket:
+        if self._socket is None:
+            self._socket = socket.create_connection((self._host, self._port), _BRIDGE_TIMEOUT_S)
+            self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        return self._socket
+
+
+def _receive(connection: socket.socket, length: int) -> bytes:
+    data = bytearray()
+    while len(data) < length:
+        part = connection.recv(length - len(data))
+        if not part:
+            raise OSError(errno.ECONNRESET, "the I2C bridge closed the connection")
+        data += part
+    return bytes(data)
+
+
+class _Shared:
+    """One open bus, the lock that keeps its transfers apart, and how many chips use it."""
+
+    def __init__(self, bus: I2cBus) -> None:
+        self.bus = bus
+        self.lock = threading.Lock()
+        self.users = 0
+
+
+_open_buses: dict[str, _Shared] = {}
+_open_buses_lock = threading.Lock()
+
+
+class SharedI2c:
+    """One chip's hold on a bus that several chips share; the bus closes with the last hold."""
+
+    def __init__(self, url: str, shared: _Shared) -> None:
+        self._url = url
+        self._shared: _Shared | None = shared
+
+    def __str__(self) -> str:
+        return self._url
+
+    def transfer(self, address: int, write: bytes, read_length: int) -> bytes:
+        if self._shared is None:
+            raise OSError(errno.EBADF, "the bus is closed")
+        with self._shared.lock:
+            return self._shared.bus.transfer(address, write, read_length)
+
+    def close(self) -> None:
+        shared, self._shared = self._shared, None
+        if shared is None:
+            return
+        with _open_buses_lock:
+            shared.users -= 1
+            if shared.users == 0:
+                _open_buses.pop(self._url, None)
+                with shared.lock:
+                    shared.bus.close()
+
+
+def open_i2c(url: str) -> I2cBus:
+    """Open the bus that ``url`` names, or share it where it is open already.
+
+    ``url`` is a device file ("/dev/i2c-1") or a bridge ("tcp://127.0.0.1:4711/1"). Raises ``ConfigError``
+    where it is neither, ``DeviceError`` where the bus cannot be opened.
+    """
+    with _open_buses_lock:
+        shared = _open_buses.get(url)
+        if shared is None:
+            shared = _open_buses[url] = _Shared(_open(url))
+        shared.users += 1
+        return SharedI2c(url, shared)
+
+
+def _open(url: str) -> I2cBus:
+    if url.startswith("/"):
+        return SmbusI2c(url)
+    bridge = _BRIDGE_URL.fullmatch(url)
+    if bridge is None:
+        raise ConfigError(f"`bus` = {url!r}: expected a device file (/dev/i2c-1) or tcp://HOST:PORT/BUS")
+    return BridgeI2c(bridge["host"].strip("[]"), int(bridge["port"]), int(bridge["bus"]))

@@ -1,0 +1,209 @@
+"""The camera, through OpenCV's VideoCapture, with a thread that reads all the time.
+
+A driver, a socket or OpenCV itself holds back frames for a slow reader: seconds of them, so that who only reads
+when a picture is wanted gets one from before the head turned. Here a thread takes every frame as it comes and
+those who wait are given only frames that cannot be older than the moment they name.
+"""
+
+import math
+import os
+import re
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from types import TracebackType
+from typing import Any, Self
+
+# FFmpeg prints its own account of a failure; the one line that the operator reads is ours. Read at first use.
+os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.config import CameraSection
+from rig.errors import DeviceError
+from rig.readings import Instant
+
+Image = NDArray[np.uint8]
+
+WAITED_S = 0.004
+"""A grab that took longer found nothing to take, and waited: the frame that it returned came after it began."""
+THREAD_END_S = 2.0
+
+
+@dataclass(frozen=True)
+class TimedFrame:
+    """A frame (height, width, 3), BGR. It reached the computer between ``not_before_s`` (monotonic) and ``arrived``."""
+
+    image_bgr: Image
+    not_before_s: float
+    arrived: Instant
+
+
+class Camera:
+    """The camera's newest frames. Use it as a context manager; the thread ends with it.
+
+    Opening goes on in the thread: ``wait_open`` waits for it and checks the size. Every method that waits raises
+    ``DeviceError`` where the camera cannot be opened, falls silent, or delivers another size than configured.
+    """
+
+    def __init__(self, section: CameraSection) -> None:
+        self._section = section
+        self._source = re.sub("//[^/@]*@", "//", str(section.source))  # without a password
+        self._name = f"camera {self._source}"
+        self._changed = threading.Condition()
+        self._stop = threading.Event()
+        self._failure: DeviceError | None = None
+        self._newest: TimedFrame | None = None
+        self._count = 0
+        self._first_at_s = math.nan
+        self._thread = threading.Thread(target=self._read, name=self._name, daemon=True)
+        self._thread.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def wait_open(self) -> None:
+        """Wait for the first frame."""
+        wait_s = self._section.open_timeout_s + self._section.read_timeout_s
+        self._wait(lambda frame: True, wait_s, f"gave no frame within {wait_s:g} s of being opened")
+
+    def identify(self) -> str:
+        """Source and size."""
+        return f"{self._source}, {self._section.width_px} x {self._section.height_px} px"
+
+    @property
+    def frame_rate_hz(self) -> float:
+        """Frames a second since the first one; NaN before the second."""
+        with self._changed:
+            newest, count = self._newest, self._count
+        if newest is None or count < 2:
+            return math.nan
+        return (count - 1) / (newest.arrived.monotonic_s - self._first_at_s)
+
+    def frames_after(self, monotonic_s: float, count: int) -> list[TimedFrame]:
+        """``count`` frames that arrive no earlier than a moment, which may be to come.
+
+        The read timeout holds for each of them.
+        """
+        frames: list[TimedFrame] = []
+        problem = f"has sent no frame for {self._section.read_timeout_s:g} s that is new enough"
+        while len(frames) < count:
+            last_s = frames[-1].arrived.monotonic_s if frames else -math.inf
+            wait_s = max(0.0, monotonic_s - time.monotonic()) + self._section.read_timeout_s
+            frames.append(self._wait(partial(_is_newer, monotonic_s, last_s), wait_s, problem))
+        return frames
+
+    def frame_after(self, monotonic_s: float) -> TimedFrame:
+        """The first frame that arrives no earlier than a moment."""
+        return self.frames_after(monotonic_s, 1)[0]
+
+    def close(self) -> None:
+        """End the thread and give the camera back."""
+        self._stop.set()
+        self._thread.join(THREAD_END_S)
+
+    def _wait(self, wanted: Callable[[TimedFrame], bool], wait_s: float, problem: str) -> TimedFrame:
+        """The newest frame as soon as it is one that is wanted."""
+
+        def ready() -> bool:
+            return self._failure is not None or (self._newest is not None and wanted(self._newest))
+
+        with self._changed:
+            in_time = self._changed.wait_for(ready, wait_s)
+            if self._failure is not None:
+                raise self._failure
+            if not in_time or self._newest is None:
+                raise self._error(problem, "check its cable or network, and that no other program uses it")
+            return self._newest
+
+    def _error(self, problem: str, remedy: str) -> DeviceError:
+        return DeviceError(self._name, problem, remedy)
+
+    def _read(self) -> None:
+        capture: cv2.VideoCapture | None = None
+        try:
+            capture = self._open()
+            not_before_s = -math.inf
+            while not self._stop.is_set():
+                begun_s = time.monotonic()
+                if not capture.grab():
+                    raise self._error(
+                        f"stopped sending (nothing for {self._section.read_timeout_s:g} s, or it closed the stream)",
+                        "check its power and cable or network",
+                    )
+                arrived = Instant.now()
+                if arrived.monotonic_s - begun_s > WAITED_S:
+                    not_before_s = begun_s
+                ok, image = capture.retrieve()
+                if not ok:
+                    raise self._error("sent a frame that cannot be decoded", "check cable and format")
+                self._publish(TimedFrame(self._checked(np.asarray(image)), not_before_s, arrived))
+        except (DeviceError, cv2.error) as error:
+            failure = (
+                error if isinstance(error, DeviceError) else self._error(f"failed: {error}", "open it again")
+            )
+            with self._changed:
+                self._failure = failure
+                self._changed.notify_all()
+        finally:
+            if capture is not None:
+                capture.release()
+
+    def _publish(self, frame: TimedFrame) -> None:
+        with self._changed:
+            if self._newest is None:
+                self._first_at_s = frame.arrived.monotonic_s
+            self._newest = frame
+            self._count += 1
+            self._changed.notify_all()
+
+    def _open(self) -> cv2.VideoCapture:
+        section = self._section
+        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+        if isinstance(section.source, int) or section.source.startswith("/dev/"):
+            capture = cv2.VideoCapture(section.source, cv2.CAP_V4L2)
+            # Asked for, not relied upon: the frame's own size is checked.
+            capture.set(cv2.CAP_PROP_FRAME_WIDTH, section.width_px)
+            capture.set(cv2.CAP_PROP_FRAME_HEIGHT, section.height_px)
+        else:
+            timeouts_ms = [
+                cv2.CAP_PROP_OPEN_TIMEOUT_MSEC,
+                round(section.open_timeout_s * 1000),
+                cv2.CAP_PROP_READ_TIMEOUT_MSEC,
+                round(section.read_timeout_s * 1000),
+            ]
+            capture = cv2.VideoCapture(section.source, cv2.CAP_FFMPEG, timeouts_ms)
+        if not capture.isOpened():
+            raise self._error(
+                "cannot be opened", "check that it is connected and running, and [camera] source"
+            )
+        return capture
+
+    def _checked(self, image: NDArray[Any]) -> Image:
+        height, width = image.shape[:2]
+        wanted = self._section.width_px, self._section.height_px
+        if (width, height) != wanted or image.ndim != 3:
+            raise self._error(
+                f"sends {width} x {height} px, but the intrinsics are for {wanted[0]} x {wanted[1]}",
+                "set the camera to that size, or [camera] to a calibration of this one",
+            )
+        return np.asarray(image, np.uint8)
+
+
+def average(frames: Sequence[TimedFrame]) -> Image:
+    """The mean of frames of the same view, rounded to nearest: noise falls with the root of their number."""
+    mean = np.mean([frame.image_bgr for frame in frames], axis=0, dtype=np.float32)
+    return np.rint(mean).astype(np.uint8)
+
+
+def _is_newer(not_before_s: float, last_s: float, frame: TimedFrame) -> bool:
+    return frame.not_before_s >= not_before_s and frame.arrived.monotonic_s > last_s

@@ -1,0 +1,138 @@
+"""The command ``rig``: what an operator does with the head, its sensors and its camera."""
+
+import json
+import logging
+from pathlib import Path
+from typing import NoReturn
+
+import click
+
+from localizer import command_line
+from rig.config import config_path, load_config
+from rig.directions import Direction, parse_directions
+from rig.signals import stopping_cleanly
+
+CONFIG_OPTION = click.option(
+    "--config",
+    "config_file",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="The rig's configuration; by default the file that SKYFIX_CONFIG names.",
+)
+
+
+def main() -> NoReturn:
+    """Entry point of the program."""
+    command_line.run(rig, "rig")
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.option("--verbose", is_flag=True, help="Say more about what happens, on standard error.")
+def rig(verbose: bool) -> None:
+    """Measure the horizon with a camera on a pan-tilt head.
+
+    Example: rig capture --config vehicle.toml --out bundles
+    """
+    level = logging.INFO if verbose else logging.WARNING
+    logging.basicConfig(level=level, format="rig: %(message)s")
+
+
+@rig.command()
+@CONFIG_OPTION
+@click.option(
+    "--out",
+    "out_dir",
+    metavar="DIR",
+    type=click.Path(path_type=Path),
+    help="Where the bundle goes; by default [rig] bundle_dir.",
+)
+@click.option(
+    "--directions",
+    "names",
+    metavar="LIST",
+    help="Where to look: letters (N, NE, ...) or degrees true, separated by commas; by default [capture] directions.",
+)
+@click.option("--locate", is_flag=True, help="Search for the place at once; needs --dem.")
+@click.option(
+    "--dem",
+    "dem_paths",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    multiple=True,
+    help="Elevation file for --locate; repeat it for files that adjoin.",
+)
+def capture(
+    config_file: Path | None,
+    out_dir: Path | None,
+    names: str | None,
+    locate: bool,
+    dem_paths: tuple[Path, ...],
+) -> int:
+    """Take a measurement bundle: level and heading of the vehicle, then a frame in each direction.
+
+    Prints the bundle's directory, and with --locate the fix after it; ends with the status of localizer locate
+    then. Ctrl-C ends it with the head relaxed and nothing half-written.
+
+    \b
+    Examples:
+      rig capture --config vehicle.toml
+      rig capture --directions N,E,S,W --locate --dem terrain.tif
+    """
+    if locate != bool(dem_paths):
+        raise click.UsageError("--locate and --dem FILE go together.")
+    directions = _directions(names)
+    config = load_config(config_path(config_file))
+
+    # Slow to import, and bad input should be told at once.
+    from rig.capture import capture as take
+    from rig.progress import reporting
+
+    if locate:
+        from localizer.dem import load_dem
+
+        dem = load_dem(dem_paths)
+    directions = directions or config.capture.parsed_directions()
+    with stopping_cleanly(), reporting(1 + len(directions)) as report:
+        bundle_dir = take(config, directions, out_dir or config.rig.bundle_dir, report)
+    click.echo(bundle_dir)
+    if not locate:
+        return 0
+
+    from localizer.bundle import load_bundle
+    from localizer.locate import locate_bundle
+    from localizer.report import report as fix_report
+
+    fix = locate_bundle(load_bundle(bundle_dir), dem).fix
+    click.echo(fix_report(fix, dem, None))
+    return fix.exit_status
+
+
+@rig.command()
+@CONFIG_OPTION
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of the table.")
+def check(config_file: Path | None, as_json: bool) -> int:
+    """Connect to every device and say how it is; nothing moves. Ends with status 1 if any device fails.
+
+    Example: rig check --config vehicle.toml
+    """
+    config = load_config(config_path(config_file))
+
+    from rig import check as checks
+
+    with stopping_cleanly():
+        results = checks.check_devices(config)
+    if as_json:
+        click.echo(json.dumps(checks.as_json(results), indent=2))
+    else:
+        checks.print_table(results, checks.table_console())
+    return 0 if all(result.ok for result in results) else 1
+
+
+def _directions(names: str | None) -> list[Direction]:
+    """The directions of the option; none where it is not given."""
+    if names is None:
+        return []
+    try:
+        return parse_directions(names.split(","))
+    except ValueError as error:
+        raise click.UsageError(f"--directions: {error}.") from error

@@ -1,0 +1,330 @@
+"""The rig's configuration: one TOML file, every key of which is known, named with its unit and checked.
+
+``configs/vehicle.toml`` explains each key to the engineer who installs the rig.
+"""
+
+import os
+import re
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
+
+from rig.config_problems import joined, wrong_keys, wrong_value
+from rig.directions import Direction, parse_directions
+from rig.errors import ConfigError
+
+ENVIRONMENT_VARIABLE = "SKYFIX_CONFIG"
+
+
+def _bus_address(text: str) -> str:
+    if not re.fullmatch(r"/dev/i2c-\d+|tcp://([^/:\s]+|\[[^]]+\]):\d+/\d+", text):
+        raise ValueError(f"{text!r} is no I2C bus; give /dev/i2c-N or tcp://HOST:PORT/BUS")
+    return text
+
+
+def _camera_source(source: object) -> object:
+    if isinstance(source, bool) or not isinstance(source, int | str) or source == "":
+        raise ValueError("give a URL, a path (/dev/video0) or the number of a video device (0)")
+    return source
+
+
+def _signed_axes(axes: tuple[str, str, str]) -> tuple[str, str, str]:
+    if any(not re.fullmatch(r"[+-][xyz]", axis) for axis in axes) or len({axis[1] for axis in axes}) != 3:
+        raise ValueError('each of x, y and z once, with its sign, for example ["+x", "+y", "+z"]')
+    return axes
+
+
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Bus = Annotated[str, AfterValidator(_bus_address)]
+I2cAddress = Annotated[int, Field(ge=0x08, le=0x77)]
+Port = Annotated[str, Field(min_length=1)]
+Baud = Annotated[int, Field(ge=300)]
+Axes = Annotated[tuple[str, str, str], AfterValidator(_signed_axes)]
+"""The chip axis that points to the head's x (right), y (forward) and z (up), in this order."""
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class RigSection(_Section):
+    """``[rig]``: what belongs to the installation as a whole."""
+
+    name: Annotated[str, Field(min_length=1)]
+    mast_height_m: Annotated[float, Field(gt=0.0, le=100.0)]
+    bundle_dir: Path = Field(default=Path("bundles"), strict=False)
+
+
+class Place(_Section):
+    """``[place]``: roughly where the rig works; nothing but the magnetic declination is derived from it."""
+
+    lat_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
+    lon_deg: Annotated[float, Field(ge=-180.0, le=360.0)]
+    altitude_m: Annotated[float, Field(ge=-500.0, le=9000.0)] = 0.0
+
+
+class Servo(_Section):
+    """``[pan_tilt.pan]`` and ``[pan_tilt.tilt]``: angle_deg = (tick - zero_tick) * 360/4096 * direction."""
+
+    id: Annotated[int, Field(ge=0, le=252)]
+    model: Literal["XM430-W350", "XL430-W250"]
+    zero_tick: Annotated[int, Field(ge=0, le=4095)]
+    direction: Literal[1, -1]
+    min_deg: Annotated[float, Field(ge=-180.0, le=180.0)]
+    max_deg: Annotated[float, Field(ge=-180.0, le=180.0)]
+
+    @model_validator(mode="after")
+    def _limits_are_a_range_that_the_servo_reaches(self) -> Self:
+        if self.min_deg >= self.max_deg:
+            raise ValueError(f"min_deg {self.min_deg:g} is not below max_deg {self.max_deg:g}")
+        for key, angle_deg in (("min_deg", self.min_deg), ("max_deg", self.max_deg)):
+            tick = round(self.zero_tick + self.direction * angle_deg * 4096 / 360)
+            if not 0 <= tick <= 4095:
+                raise ValueError(
+                    f"{key} {angle_deg:g} with zero_tick {self.zero_tick} is tick {tick}, not in 0 to 4095"
+                )
+        return self
+
+
+class PanTiltSection(_Section):
+    """``[pan_tilt]``: two Dynamixel X servos on one bus."""
+
+    port: Port
+    baud: Literal[9600, 57600, 115200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000] = 1_000_000
+    velocity_deg_s: Positive = 90.0
+    acceleration_deg_s2: Positive = 240.0
+    bus_watchdog_ms: Annotated[int, Field(ge=0, le=127 * 20)] = 1000
+    settle_timeout_s: Positive = 8.0
+    azimuth_sigma_deg: Positive = 0.1
+    pan: Servo
+    tilt: Servo
+
+    @model_validator(mode="after")
+    def _two_servos_and_a_level_head(self) -> Self:
+        if self.pan.id == self.tilt.id:
+            raise ValueError(f"pan and tilt have the same id {self.pan.id}; give each servo its own")
+        if not self.tilt.min_deg < 0.0 < self.tilt.max_deg:
+            raise ValueError(
+                "[pan_tilt.tilt] must reach both below and above 0 degrees; look at min_deg and max_deg"
+            )
+        return self
+
+
+class InclinometerSection(_Section):
+    """``[inclinometer]``: an accelerometer chip in the head."""
+
+    chip: Literal["adxl355", "iis2iclx"]
+    bus: Bus
+    address: I2cAddress
+    axes: Annotated[Axes, Field(strict=False)]
+    average_s: Annotated[float, Field(ge=0.2, le=60.0)] = 1.0
+    tilt_sigma_deg: Positive = 0.01
+    roll_sigma_deg: Positive = 0.02
+    tilt_bias_sigma_deg: Positive = 0.02
+
+    @field_validator("axes")
+    @classmethod
+    def _right_handed(cls, axes: tuple[str, str, str]) -> tuple[str, str, str]:
+        order = "".join(axis[1] for axis in axes)
+        even = order in "xyzxy"
+        if even == (sum(axis[0] == "-" for axis in axes) % 2 == 1):
+            raise ValueError(
+                f"{list(axes)} mirrors the chip; a chip that is only turned has another sign on one axis"
+            )
+        return axes
+
+    @model_validator(mode="after")
+    def _two_axis_chip_lies_flat(self) -> Self:
+        if self.chip == "iis2iclx" and self.axes[2][1] != "z":
+            raise ValueError("axes: iis2iclx measures x and y only, so its z must be the head's z")
+        return self
+
+
+class Mmc5983maSection(_Section):
+    """``[compass]`` with ``kind = "mmc5983ma"``: a magnetometer chip on the pan stage."""
+
+    kind: Literal["mmc5983ma"]
+    bus: Bus
+    address: I2cAddress
+    axes: Annotated[Axes, Field(strict=False)]
+    declination_deg: Annotated[float, Field(ge=-180.0, le=180.0)] | None = None
+    azimuth_bias_sigma_deg: Positive = 1.0
+    hard_iron_ut: Annotated[tuple[Finite, Finite, Finite], Field(strict=False)] = (0.0, 0.0, 0.0)
+
+
+class NmeaCompassSection(_Section):
+    """``[compass]`` with ``kind = "nmea"``: a serial talker; HDG, HDM, HDT, THS, PTNTHPR or OHPR."""
+
+    kind: Literal["nmea"]
+    port: Port
+    baud: Baud = 4800
+    declination_deg: Annotated[float, Field(ge=-180.0, le=180.0)] | None = None
+    azimuth_bias_sigma_deg: Positive = 1.0
+
+
+class _AltimeterSection(_Section):
+    reference_pressure_hpa: Annotated[float, Field(ge=300.0, le=1100.0)]
+    reference_altitude_m: Annotated[float, Field(ge=-500.0, le=9000.0)]
+    reference_temperature_c: Annotated[float, Field(ge=-60.0, le=60.0)] | None = None
+    sigma_m: Positive = 5.0
+
+
+class I2cAltimeterSection(_AltimeterSection):
+    """``[altimeter]``: a barometer chip."""
+
+    kind: Literal["bmp390", "bmp388", "ms5611"]
+    bus: Bus
+    address: I2cAddress
+
+
+class SerialAltimeterSection(_AltimeterSection):
+    """``[altimeter]``: a barometer that talks on a serial port, NMEA (XDR, MDA) or Vaisala PA50."""
+
+    kind: Literal["nmea", "vaisala-pa50"]
+    port: Port
+    baud: Baud = 4800
+
+
+CompassSection = Mmc5983maSection | NmeaCompassSection
+AltimeterSection = I2cAltimeterSection | SerialAltimeterSection
+
+
+class CameraSection(_Section):
+    """``[camera]``: where the pictures come from, the lens, and how the camera sits in the head."""
+
+    source: Annotated[int | str, BeforeValidator(_camera_source)]
+    width_px: Annotated[int, Field(ge=16)]
+    height_px: Annotated[int, Field(ge=16)]
+    fx_px: Positive
+    fy_px: Positive
+    cx_px: Finite
+    cy_px: Finite
+    distortion: Annotated[tuple[Finite, Finite, Finite, Finite, Finite], Field(strict=False)] = (0.0,) * 5
+    frames_per_direction: Annotated[int, Field(ge=1, le=100)] = 4
+    exposure_settle_s: Annotated[float, Field(ge=0.0, le=30.0)] = 0.3
+    open_timeout_s: Positive = 5.0
+    read_timeout_s: Positive = 2.0
+    boresight_azimuth_deg: Annotated[float, Field(ge=-45.0, le=45.0)] = 0.0
+    boresight_tilt_deg: Annotated[float, Field(ge=-45.0, le=45.0)] = 0.0
+    boresight_roll_deg: Annotated[float, Field(ge=-180.0, le=180.0)] = 0.0
+
+    @model_validator(mode="after")
+    def _principal_point_in_the_picture(self) -> Self:
+        for key, value, size in (("cx_px", self.cx_px, self.width_px), ("cy_px", self.cy_px, self.height_px)):
+            if not 0.0 <= value <= size - 1:
+                raise ValueError(f"{key} {value:g} lies outside the picture of {size} px")
+        return self
+
+
+class CaptureSection(_Section):
+    """``[capture]``: what one capture does."""
+
+    directions: Annotated[tuple[str | float, ...], Field(strict=False)] = ("N", "E", "S", "W")
+    base_attitude_pan_angles_deg: Annotated[tuple[Finite, ...], Field(strict=False)] = (
+        -135.0,
+        -45.0,
+        45.0,
+        135.0,
+    )
+    skyline_margin_fraction: Annotated[float, Field(ge=0.0, lt=0.5)] = 0.15
+
+    @field_validator("directions")
+    @classmethod
+    def _are_directions(cls, directions: tuple[str | float, ...]) -> tuple[str | float, ...]:
+        parse_directions([str(direction) for direction in directions])
+        return directions
+
+    @field_validator("base_attitude_pan_angles_deg")
+    @classmethod
+    def _turn_far_enough(cls, angles_deg: tuple[float, ...]) -> tuple[float, ...]:
+        if len(set(angles_deg)) < 3 or max(angles_deg) - min(angles_deg) < 90.0:
+            raise ValueError("at least three different angles, 90 degrees or more from the first to the last")
+        return angles_deg
+
+    def parsed_directions(self) -> list[Direction]:
+        """The directions with their labels, in the order of the file."""
+        return parse_directions([str(direction) for direction in self.directions])
+
+
+class RigConfig(_Section):
+    """The whole file."""
+
+    rig: RigSection
+    place: Place | None = None
+    pan_tilt: PanTiltSection
+    inclinometer: InclinometerSection
+    compass: Annotated[CompassSection, Field(discriminator="kind")] | None = None
+    altimeter: Annotated[AltimeterSection, Field(discriminator="kind")] | None = None
+    camera: CameraSection
+    capture: CaptureSection = CaptureSection()
+
+    @model_validator(mode="after")
+    def _parts_fit_each_other(self) -> Self:
+        pan = self.pan_tilt.pan
+        for angle_deg in self.capture.base_attitude_pan_angles_deg:
+            if not pan.min_deg <= angle_deg <= pan.max_deg:
+                raise ValueError(
+                    f"[capture] base_attitude_pan_angles_deg: {angle_deg:g} is beyond [pan_tilt.pan] "
+                    f"min_deg {pan.min_deg:g} and max_deg {pan.max_deg:g}"
+                )
+        if (
+            isinstance(self.compass, Mmc5983maSection)
+            and self.compass.declination_deg is None
+            and self.place is None
+        ):
+            raise ValueError(
+                "[compass] declination_deg: needed to get from magnetic to true north; give it, "
+                "or the rough [place] to compute it from"
+            )
+        return self
+
+
+def config_path(given: Path | None, environment: Mapping[str, str] = os.environ) -> Path:
+    """The file of ``--config``, else that of SKYFIX_CONFIG. ``ConfigError`` where neither names one."""
+    if given is not None:
+        return given
+    if environment.get(ENVIRONMENT_VARIABLE):
+        return Path(environment[ENVIRONMENT_VARIABLE])
+    raise ConfigError(
+        f"no configuration: give --config FILE or set {ENVIRONMENT_VARIABLE} (example: configs/vehicle.toml)"
+    )
+
+
+def load_config(path: Path) -> RigConfig:
+    """Read and check a configuration file; ``rig.bundle_dir`` comes back relative to the file's folder.
+
+    ``ConfigError``, one line, names the file, the section and the key, and for a misspelt key the likely one.
+    """
+    try:
+        with path.open("rb") as file:
+            tables = tomllib.load(file)
+    except OSError as error:
+        raise ConfigError(
+            f"{path}: cannot be read: {error.strerror}; check --config or {ENVIRONMENT_VARIABLE}"
+        ) from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: is not valid TOML: {error}") from error
+    problems = list(wrong_keys(tables, RigConfig))
+    if problems:
+        raise ConfigError(f"{path}: {joined(problems)}")
+    try:
+        config = RigConfig.model_validate(tables)
+    except ValidationError as error:
+        raise ConfigError(
+            f"{path}: {joined([wrong_value(each, tables) for each in error.errors()])}"
+        ) from error
+    rig = config.rig.model_copy(update={"bundle_dir": path.parent / config.rig.bundle_dir})
+    return config.model_copy(update={"rig": rig})

@@ -1,0 +1,43 @@
+"""Magnetic declination: from the configuration, from the talker itself, or from the World Magnetic Model."""
+
+from dataclasses import dataclass
+from datetime import datetime
+
+from pygeomag import GeoMag, calculate_decimal_year
+
+from rig.config import Place
+from rig.errors import ConfigError
+
+
+@dataclass(frozen=True)
+class Declination:
+    """Magnetic to true north, east positive, and where the number is from."""
+
+    declination_deg: float
+    source: str
+
+
+def declination(
+    configured_deg: float | None, sent_deg: float | None, place: Place | None, when: datetime
+) -> Declination:
+    """The configured declination, else the variation that the talker sends, else the World Magnetic Model's.
+
+    ``ConfigError`` where there is none of the three.
+    """
+    if configured_deg is not None:
+        return Declination(configured_deg, "configuration")
+    if sent_deg is not None:
+        return Declination(sent_deg, "talker")
+    if place is None:
+        raise ConfigError(
+            "[compass] declination_deg: needed, for this compass gives magnetic headings; give it, "
+            "or the rough [place] to compute it from"
+        )
+    try:
+        year = calculate_decimal_year(when)
+        field = GeoMag().calculate(place.lat_deg, place.lon_deg, place.altitude_m / 1000.0, year)
+    except ValueError as error:
+        raise ConfigError(
+            f"[compass] declination_deg: give it; the World Magnetic Model cannot: {when:%Y-%m-%d}, {error}"
+        ) from error
+    return Declination(float(field.d), "World Magnetic Model")

@@ -1,0 +1,46 @@
+"""How the rig fails: one clear line each, exit status 2.
+
+Drivers raise ``DeviceError`` or one of its subclasses and nothing else; what the operating system or a
+library raises is turned into one where it happens. Only a ``TransientError`` is worth another try, and only
+``rig.bus.retry`` tries again.
+"""
+
+from localizer.errors import SkyfixError
+
+
+class RigError(SkyfixError):
+    """Anything expected that can go wrong in the rig."""
+
+
+class ConfigError(RigError):
+    """The configuration is wrong: the message names file, key and what is allowed."""
+
+
+class GoalError(RigError):
+    """The head was asked to go where it may not go. Nothing has moved."""
+
+
+class MessageError(RigError):
+    """Received bytes are not a valid message. What pure parsers raise; they know no device to name."""
+
+
+class DeviceError(RigError):
+    """A device is absent, is another one than configured, or does not do what it should.
+
+    ``device`` names it as an operator would ("pan servo (id 1) on /dev/ttyUSB0"), ``problem`` says what
+    happened, ``remedy`` what to do.
+    """
+
+    def __init__(self, device: str, problem: str, remedy: str) -> None:
+        super().__init__(f"{device}: {problem}; {remedy}")
+        self.device = device
+        self.problem = problem
+        self.remedy = remedy
+
+
+class WrongDeviceError(DeviceError):
+    """Something answers, but not the chip or the servo model that is configured."""
+
+
+class TransientError(DeviceError):
+    """One exchange failed (no answer, bad checksum, no acknowledge): the next may succeed."""

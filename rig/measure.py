@@ -1,0 +1,100 @@
+"""Readings as a capture needs them: averaged, of a head at rest, with what they say about their own error."""
+
+import logging
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from rig.altitude import PressureReference, metres_per_hpa, plausible_altitude_m
+from rig.attitude import HeadLevel, head_level
+from rig.bus.deadline import Deadline
+from rig.bus.retry import retry
+from rig.config import AltimeterSection
+from rig.connect import Altimeter, Inclinometer, Rig
+from rig.errors import DeviceError
+
+_log = logging.getLogger(__name__)
+
+DRIFT_SIGMAS = 3.0
+ALTIMETER_AVERAGE_S = 0.5
+
+
+@dataclass(frozen=True)
+class AltitudeReading:
+    """Altitude in the datum of the reference, with its sigma; ``raw`` for the bundle."""
+
+    altitude_m: float
+    sigma_m: float
+    raw: dict[str, Any]
+
+
+def still_level(rig: Rig, duration_s: float) -> tuple[HeadLevel, float]:
+    """Tilt and roll of the head over ``duration_s`` once the mast has come to rest, and since when (monotonic).
+
+    A servo that stands says nothing about the mast: the reading itself has to be as steady as the configured
+    sigmas say. ``DeviceError`` where it is not within ``settle_timeout_s``.
+    """
+    section = rig.config.inclinometer
+    deadline = Deadline.after(rig.config.pan_tilt.settle_timeout_s)
+    while True:
+        last_try = deadline.expired
+        begun_s = time.monotonic()
+        whole, early, late = read_level(rig.inclinometer, section.axes, duration_s)
+        # Both: a slow swing shows as drift, a fast one only as scatter.
+        drift_deg = max(abs(late.tilt_deg - early.tilt_deg), abs(late.roll_deg - early.roll_deg))
+        noise_deg = max(whole.tilt_noise_deg, whole.roll_noise_deg)
+        sigma_deg = max(section.tilt_sigma_deg, section.roll_sigma_deg)
+        if drift_deg <= DRIFT_SIGMAS * sigma_deg and noise_deg <= sigma_deg:
+            return whole, begun_s
+        if last_try:
+            raise DeviceError(
+                rig.inclinometer.identify(),
+                f"the head does not come to rest: it drifts by {drift_deg:.2f} deg, {noise_deg:.3f} deg of noise",
+                "stop the engine, shelter it from the wind, or raise [inclinometer] average_s",
+            )
+        _log.info("the head still swings: %.3f deg of drift, %.3f deg of noise", drift_deg, noise_deg)
+
+
+def read_level(
+    inclinometer: Inclinometer, axes: Sequence[str], duration_s: float
+) -> tuple[HeadLevel, HeadLevel, HeadLevel]:
+    """Average over ``duration_s``, and those of its first and its second half."""
+    samples = retry(partial(inclinometer.read_many, duration_s))
+    middle = (len(samples) + 1) // 2
+    device = inclinometer.identify()
+    whole, early, late = (head_level(s, axes, device) for s in (samples, samples[:middle], samples[-middle:]))
+    return whole, early, late
+
+
+def read_altitude(altimeter: Altimeter, section: AltimeterSection) -> AltitudeReading:
+    """Altitude by the mean pressure of half a second. ``DeviceError`` where no ground lies that high or low."""
+    readings = retry(partial(altimeter.read_many, ALTIMETER_AVERAGE_S))
+    pressures_hpa = np.array([reading.pressure_hpa for reading in readings])
+    pressure_hpa = float(pressures_hpa.mean())
+    reference = PressureReference(
+        section.reference_pressure_hpa, section.reference_altitude_m, section.reference_temperature_c
+    )
+    noise_m = float(pressures_hpa.std()) / math.sqrt(len(readings)) * metres_per_hpa(pressure_hpa, reference)
+    return AltitudeReading(
+        plausible_altitude_m(pressure_hpa, reference, altimeter.identify()),
+        math.hypot(section.sigma_m, noise_m),
+        {
+            "device": altimeter.identify(),
+            "time": utc_text(readings[-1].utc),
+            "pressure_hpa": pressure_hpa,
+            "pressure_scatter_hpa": float(pressures_hpa.std()),
+            "temperature_c": readings[-1].temperature_c,
+            "readings": len(readings),
+        },
+    )
+
+
+def utc_text(time: datetime) -> str:
+    """ISO 8601 to the millisecond, with a Z."""
+    return time.isoformat(timespec="milliseconds").replace("+00:00", "Z")

@@ -1,0 +1,315 @@
+"""The pan and tilt head: degrees in, degrees out, and torque off whatever happens.
+
+Pan is clockwise-positive seen from above, tilt up-positive; 0, 0 is where both servos stand at their
+``zero_tick``.
+"""
+
+import logging
+import math
+import time
+from dataclasses import dataclass
+from functools import partial
+from types import TracebackType
+from typing import Protocol, Self
+
+from rig.bus.deadline import Deadline
+from rig.bus.retry import retry
+from rig.bus.serial_port import SerialPort
+from rig.dynamixel import control_table as table
+from rig.dynamixel.servo import Servo, ServoState, read_states, require_models
+from rig.dynamixel.servo_bus import ServoBus
+from rig.errors import DeviceError, GoalError, RigError
+
+_log = logging.getLogger(__name__)
+
+_HEAD = "pan and tilt head"
+_TICK_DEG = 360.0 / table.TICKS_PER_TURN
+_POLL_S = 0.02
+_STILL_S = 0.2
+_STILL_TICKS = 1  # encoder noise
+# A proportional controller droops under the camera's weight; more than this is something in the way.
+_GOAL_TOLERANCE_DEG = 1.0
+
+
+class AxisParameters(Protocol):
+    """[pan_tilt.pan] and [pan_tilt.tilt] of the configuration."""
+
+    @property
+    def id(self) -> int: ...
+    @property
+    def model(self) -> str: ...
+    @property
+    def zero_tick(self) -> int: ...
+    @property
+    def direction(self) -> int: ...
+    @property
+    def min_deg(self) -> float: ...
+    @property
+    def max_deg(self) -> float: ...
+
+
+class PanTiltParameters(Protocol):
+    """[pan_tilt] of the configuration, as far as the head needs it; ``rig.config`` has checked the ranges."""
+
+    @property
+    def port(self) -> str: ...
+    @property
+    def baud(self) -> int: ...
+    @property
+    def velocity_deg_s(self) -> float: ...
+    @property
+    def acceleration_deg_s2(self) -> float: ...
+    @property
+    def bus_watchdog_ms(self) -> int: ...
+    @property
+    def settle_timeout_s(self) -> float: ...
+    @property
+    def pan(self) -> AxisParameters: ...
+    @property
+    def tilt(self) -> AxisParameters: ...
+
+
+@dataclass(frozen=True)
+class HeadState:
+    """Where the head is and how its servos are; pairs are (pan, tilt), volts in V, temps in °C.
+
+    ``alerts`` are sentences that name the servo and its hardware error, empty where all is well.
+    """
+
+    pan_deg: float
+    tilt_deg: float
+    moving: bool
+    ticks: tuple[int, int]
+    volts: tuple[float, float]
+    temps: tuple[float, float]
+    alerts: tuple[str, ...]
+    monotonic_s: float
+
+
+class _Axis:
+    """One servo with the angles that its ticks stand for."""
+
+    def __init__(self, name: str, bus: ServoBus, parameters: AxisParameters) -> None:
+        self.name = name
+        self.parameters = parameters
+        self.servo = Servo(bus, parameters.id, parameters.model, name)
+        self.min_tick, self.max_tick = sorted((self.tick(parameters.min_deg), self.tick(parameters.max_deg)))
+
+    def tick(self, angle_deg: float) -> int:
+        return self.parameters.zero_tick + round(self.parameters.direction * angle_deg / _TICK_DEG)
+
+    def angle_deg(self, tick: int) -> float:
+        return (tick - self.parameters.zero_tick) * _TICK_DEG * self.parameters.direction
+
+    def goal_tick(self, angle_deg: float) -> int:
+        low, high = self.parameters.min_deg, self.parameters.max_deg
+        if not math.isfinite(angle_deg) or not low <= angle_deg <= high:
+            raise GoalError(
+                f"{self.name} goal {angle_deg:g} deg is outside its limits {low:g} to {high:g} deg; "
+                f"ask for less or turn the vehicle ([pan_tilt.{self.name}] min_deg, max_deg)"
+            )
+        return self.tick(angle_deg)
+
+
+class PanTilt:
+    """The head, connected and without torque. Use it as a context manager: leaving it switches the torque
+    off.
+
+    Connecting checks that both servos are there and of the configured model, and gives them mode, limits and
+    speed. Raises ``DeviceError`` where port or servos are absent, others, or broken.
+
+    The servos' own bus watchdog is armed by ``move_to`` and disarmed once ``wait_settled`` has seen the head
+    stand: a program that dies lets the head stop, and one that measures for some seconds need not talk to it.
+    """
+
+    def __init__(self, parameters: PanTiltParameters) -> None:
+        self._parameters = parameters
+        self._bus = ServoBus(SerialPort(parameters.port, parameters.baud))
+        try:
+            self._axes = (
+                _Axis("pan", self._bus, parameters.pan),
+                _Axis("tilt", self._bus, parameters.tilt),
+            )
+            self._servos = [axis.servo for axis in self._axes]
+            self._firmware = self._check_servos()
+        except BaseException:
+            self._bus.close()
+            raise
+        self._goal_deg: tuple[float, float] | None = None
+        try:
+            for axis in self._axes:
+                self._configure(axis)
+        except BaseException as error:
+            self._close_after(error)
+            raise
+
+    def _check_servos(self) -> dict[int, int]:
+        expected = {servo.servo_id: servo.model for servo in self._servos}
+        firmware = retry(partial(require_models, self._bus, expected))
+        for servo in self._servos:
+            if self._parameters.bus_watchdog_ms and firmware[servo.servo_id] < table.BUS_WATCHDOG_FIRMWARE:
+                raise DeviceError(
+                    servo.name,
+                    f"firmware {firmware[servo.servo_id]} has no bus watchdog",
+                    "update it with Dynamixel Wizard, or set bus_watchdog_ms = 0",
+                )
+        return firmware
+
+    def _configure(self, axis: _Axis) -> None:
+        speed = self._parameters.velocity_deg_s, self._parameters.acceleration_deg_s2
+        retry(partial(axis.servo.configure, axis.min_tick, axis.max_tick, *speed))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if error is None:
+            self.close()
+        else:
+            self._close_after(error)
+
+    def identify(self) -> str:
+        """Models, firmware versions and ids."""
+        return ", ".join(
+            f"{axis.name} {axis.servo.model} firmware {self._firmware[axis.servo.servo_id]} "
+            f"(id {axis.servo.servo_id})"
+            for axis in self._axes
+        )
+
+    def move_to(self, pan_deg: float, tilt_deg: float) -> None:
+        """Start towards both angles; ``wait_settled`` waits for the end.
+
+        Raises ``GoalError`` before anything moves where an angle is outside its limits, ``DeviceError`` where
+        a servo reports a hardware error or cannot be commanded.
+        """
+        goals = [axis.goal_tick(a) for axis, a in zip(self._axes, (pan_deg, tilt_deg), strict=True)]
+        self._require_healthy(self.state())
+        for axis in self._axes:
+            self._make_ready(axis)
+        for axis, goal in zip(self._axes, goals, strict=True):
+            retry(partial(axis.servo.write, "Goal Position", goal))
+        self._goal_deg = pan_deg, tilt_deg
+
+    def _make_ready(self, axis: _Axis) -> None:
+        """Torque on and watchdog armed, with the configured speed, whatever happened since the last move."""
+        servo = axis.servo
+        if not retry(partial(servo.read, "Torque Enable")):  # never on yet, let go, or power was lost
+            self._configure(axis)
+            retry(partial(servo.hold, axis.min_tick, axis.max_tick))
+        elif retry(servo.bus_watchdog_tripped):
+            # The head stopped because nobody spoke to it. A new goal is a wish to go on: clear it on purpose.
+            _log.warning("%s had been stopped by its bus watchdog; clearing it", servo.name)
+            retry(servo.disarm_bus_watchdog)
+            speed = self._parameters.velocity_deg_s, self._parameters.acceleration_deg_s2
+            retry(partial(servo.set_profile, *speed))
+        if self._parameters.bus_watchdog_ms:
+            retry(partial(servo.arm_bus_watchdog, self._parameters.bus_watchdog_ms / 1000))
+
+    def state(self) -> HeadState:
+        """Angles and health, from one sync read. Raises ``DeviceError`` naming a silent servo."""
+        states = retry(partial(read_states, self._bus, self._servos))
+        pan, tilt = states
+        return HeadState(
+            pan_deg=self._axes[0].angle_deg(pan.position_tick),
+            tilt_deg=self._axes[1].angle_deg(tilt.position_tick),
+            moving=pan.moving or tilt.moving,
+            ticks=(pan.position_tick, tilt.position_tick),
+            volts=(pan.voltage_v, tilt.voltage_v),
+            temps=(pan.temperature_c, tilt.temperature_c),
+            alerts=self._alerts(states),
+            monotonic_s=pan.monotonic_s,
+        )
+
+    def _alerts(self, states: list[ServoState]) -> tuple[str, ...]:
+        return tuple(
+            f"{servo.name}: {', '.join(retry(servo.hardware_errors)) or 'alert without a hardware error'}"
+            for servo, state in zip(self._servos, states, strict=True)
+            if state.alert
+        )
+
+    def _require_healthy(self, state: HeadState) -> None:
+        if state.alerts:
+            problem = " and ".join(state.alerts)
+            raise DeviceError(_HEAD, problem, "remove the cause, then power-cycle the servos")
+
+    def wait_settled(self, timeout_s: float | None = None) -> HeadState:
+        """Wait until the head stands: no servo moving and no position changing for 0.2 s. Returns the state
+        then.
+
+        Asking keeps the bus watchdog fed. ``timeout_s`` is by default the configured ``settle_timeout_s``.
+        Raises ``DeviceError`` where the head still moves then, reports a hardware error, or stands away from
+        its goal.
+        """
+        deadline = Deadline.after(self._parameters.settle_timeout_s if timeout_s is None else timeout_s)
+        state = self.state()
+        still = state
+        while state.monotonic_s - still.monotonic_s < _STILL_S:
+            self._require_healthy(state)
+            last_try = deadline.expired
+            time.sleep(_POLL_S)
+            state = self.state()
+            changes = [abs(a - b) for a, b in zip(state.ticks, still.ticks, strict=True)]
+            if state.moving or max(changes) > _STILL_TICKS:
+                still = state
+                if last_try:
+                    raise DeviceError(
+                        _HEAD,
+                        f"still moves at pan {state.pan_deg:.1f}, tilt {state.tilt_deg:.1f} deg",
+                        "raise settle_timeout_s, or look for what shakes it",
+                    )
+        self._require_healthy(state)
+        self._require_at_goal(state)
+        for servo in self._servos:
+            retry(servo.disarm_bus_watchdog)
+        return state
+
+    def _require_at_goal(self, state: HeadState) -> None:
+        if self._goal_deg is None:
+            return
+        angles = state.pan_deg, state.tilt_deg
+        for axis, goal_deg, angle_deg in zip(self._axes, self._goal_deg, angles, strict=True):
+            if abs(angle_deg - goal_deg) <= _GOAL_TOLERANCE_DEG:
+                continue
+            where = f"at {angle_deg:.1f} deg on its way to {goal_deg:.1f} deg"
+            if retry(axis.servo.bus_watchdog_tripped):
+                problem = f"its bus watchdog stopped it {where}"
+                remedy = "nobody spoke to it in time: raise bus_watchdog_ms, or move again"
+            elif not retry(partial(axis.servo.read, "Torque Enable")):
+                problem = f"lost its torque {where}"
+                remedy = "check the servo's power supply, then move again"
+            else:
+                problem, remedy = f"stopped {where}", "look for what blocks it"
+            raise DeviceError(axis.servo.name, problem, remedy)
+
+    def relax(self) -> None:
+        """Torque off, for each servo even where another fails. Raises ``DeviceError`` naming all failed."""
+        self._goal_deg = None
+        failures = []
+        for servo in self._servos:
+            try:
+                retry(partial(servo.torque, False))
+            except RigError as error:
+                failures.append(str(error))
+        if failures:
+            raise DeviceError(
+                _HEAD,
+                f"torque could not be switched off ({' | '.join(failures)})",
+                "switch the servo power off",
+            )
+
+    def close(self) -> None:
+        """Torque off, and the port closed even where that fails. Raises ``DeviceError`` as ``relax`` does."""
+        try:
+            self.relax()
+        finally:
+            self._bus.close()
+
+    def _close_after(self, error: BaseException) -> None:
+        """Close without hiding ``error``, which is on its way to the user."""
+        try:
+            self.close()
+        except RigError as failure:
+            _log.error("%s", failure)
+            error.add_note(str(failure))

@@ -1,0 +1,107 @@
+"""IIS2ICLX, two-axis inclinometer of 16 bits (STMicroelectronics, data sheet and AN5509).
+
+At 52 Hz with the low-pass at a quarter of that, a mean over one second has noise of 11 µg, or 0.0006° of
+tilt. The range is ±1 g, for any tilt, where one count is 0.0018°; noise of two counts dithers it away.
+"""
+
+import math
+import time
+
+from rig.bus.deadline import Deadline, wait_until
+from rig.bus.i2c import I2cBus
+from rig.bus.i2c_chip import I2cChip
+from rig.readings import AccelerationReading, Instant
+from rig.sensors.sampling import read_for, require_noise
+
+DEFAULT_ADDRESS = 0x6A
+
+_WHO_AM_I = 0x0F
+_CTRL1_XL = 0x10
+_CTRL3_C = 0x12
+_CTRL8_XL = 0x17
+_STATUS = 0x1E
+_OUT_TEMP = 0x20
+_OUT_X = 0x28
+
+_IDENTITY = 0x6B  # which is also one of its two addresses
+_ODR_52_HZ = 3 << 4
+_RANGE_CODES = {0.5: 0, 1.0: 2, 2.0: 3, 3.0: 1}  # g; not in order
+_G_PER_COUNT = {0.5: 0.015e-3, 1.0: 0.031e-3, 2.0: 0.061e-3, 3.0: 0.122e-3}
+_LOW_PASS_2 = 1 << 1
+_LOW_PASS_2_ODR_4 = 0 << 5
+_BLOCK_DATA_UPDATE = 1 << 6
+_AUTO_INCREMENT = 1 << 2
+_SOFTWARE_RESET = 1 << 0
+_ACCELERATION_READY = 0x01
+
+_RANGE_G = 1.0
+_SAMPLE_S = 1 / 52
+_SETTLING_SAMPLES = 5
+_RESET_POLL_S = 0.001
+_READY_TIMEOUT_S = 0.5
+
+
+def decode_acceleration_g(data: bytes, range_g: float) -> float:
+    """Acceleration of one axis, g, from its two bytes (signed, low byte first); ranges are 0.5, 1, 2, 3 g."""
+    return int.from_bytes(data, "little", signed=True) * _G_PER_COUNT[range_g]
+
+
+def decode_temperature_c(data: bytes) -> float:
+    """Degrees Celsius from the two bytes of OUT_TEMP."""
+    return 25.0 + int.from_bytes(data, "little", signed=True) / 256.0
+
+
+class Iis2iclx:
+    """The chip, measuring. Raises ``WrongDeviceError`` where another chip answers, else ``DeviceError``."""
+
+    def __init__(self, bus: I2cBus, address: int = DEFAULT_ADDRESS) -> None:
+        self._chip = I2cChip(bus, address, "IIS2ICLX")
+        self._chip.require_identity(_WHO_AM_I, _IDENTITY)
+        self._chip.write_register(_CTRL3_C, _SOFTWARE_RESET)
+        if not wait_until(self._reset_done, Deadline.after(_READY_TIMEOUT_S), _RESET_POLL_S):
+            raise self._chip.no_answer_in_time("the reset", _READY_TIMEOUT_S)
+        self._chip.write_register(_CTRL3_C, _BLOCK_DATA_UPDATE | _AUTO_INCREMENT)
+        self._chip.write_register(_CTRL8_XL, _LOW_PASS_2_ODR_4)
+        self._chip.write_register(_CTRL1_XL, _ODR_52_HZ | _RANGE_CODES[_RANGE_G] << 2 | _LOW_PASS_2)
+        time.sleep(_SETTLING_SAMPLES * _SAMPLE_S)
+        self._chip.read_register(_OUT_X, 4)  # a sample from before the filter settled
+
+    def _reset_done(self) -> bool:
+        return not self._chip.read_register(_CTRL3_C)[0] & _SOFTWARE_RESET
+
+    def identify(self) -> str:
+        """Model, address and bus."""
+        return self._chip.name
+
+    def read(self) -> AccelerationReading:
+        """The next sample, 19 ms after the last.
+
+        Raises ``TransientError`` where none comes, or one that no accelerometer at rest can give.
+        """
+        if not wait_until(self._sample_ready, Deadline.after(_READY_TIMEOUT_S), _SAMPLE_S / 4):
+            raise self._chip.no_answer_in_time("a sample", _READY_TIMEOUT_S)
+        data = self._chip.read_register(_OUT_X, 4)
+        at = Instant.now()
+        temperature_c = decode_temperature_c(self._chip.read_register(_OUT_TEMP, 2))
+        x_g, y_g = (decode_acceleration_g(data[i : i + 2], _RANGE_G) for i in (0, 2))
+        if not -40.0 <= temperature_c <= 105.0:
+            raise self._chip.implausible(f"{temperature_c:.0f} °C")
+        if max(abs(x_g), abs(y_g)) > _RANGE_G or math.hypot(x_g, y_g) > 1.2:
+            raise self._chip.implausible(f"{x_g:.2f} g and {y_g:.2f} g")
+        return AccelerationReading(x_g, y_g, None, temperature_c, at.monotonic_s, at.utc)
+
+    def _sample_ready(self) -> bool:
+        return bool(self._chip.read_register(_STATUS)[0] & _ACCELERATION_READY)
+
+    def read_many(self, duration_s: float) -> list[AccelerationReading]:
+        """All samples of ``duration_s``. Raises ``DeviceError`` where all are the same: a frozen chip."""
+        readings = read_for(self.read, duration_s)
+        require_noise(self._chip.name, [(r.x_g, r.y_g) for r in readings])
+        return readings
+
+    def close(self) -> None:
+        """Power-down, and the bus given back."""
+        try:
+            self._chip.write_register(_CTRL1_XL, 0)
+        finally:
+            self._chip.release()

@@ -1,0 +1,34 @@
+"""Several readings of one sensor, for whoever averages them."""
+
+from collections.abc import Callable, Hashable, Sequence
+from typing import TypeVar
+
+from rig.bus.deadline import Deadline
+from rig.errors import DeviceError
+
+_SUSPICIOUS_REPEATS = 16
+
+Reading = TypeVar("Reading")
+
+
+def read_for(read: Callable[[], Reading], duration_s: float) -> list[Reading]:
+    """What ``read`` returns, as often as it fits into ``duration_s``, at least once.
+
+    Raises what ``read`` raises.
+    """
+    end = Deadline.after(duration_s)
+    readings = [read()]
+    while not end.expired:
+        readings.append(read())
+    return readings
+
+
+def require_noise(name: str, samples: Sequence[Hashable]) -> None:
+    """Raise ``DeviceError`` where many samples in a row are all the same.
+
+    A working sensor has noise of more than one count; one that repeats itself has stopped converting, however
+    plausible its value.
+    """
+    if len(samples) >= _SUSPICIOUS_REPEATS and len(set(samples)) == 1:
+        problem = f"is frozen: {len(samples)} identical readings in a row"
+        raise DeviceError(name, problem, "power-cycle it; replace it if that does not help")

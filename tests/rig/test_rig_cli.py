@@ -1,0 +1,261 @@
+"""The command ``rig`` as an operator meets it: one clear line and status 2 for bad input, nothing half-written."""
+
+import json
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fakes.chips import FakeI2cBus, RegisterChip
+from fakes.whole_rig import FakeRig, RunningRig, running_rig
+
+from localizer.bundle import load_bundle
+from rig.cli import main
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+def toml(tables: dict[str, Any], prefix: str = "") -> str:
+    """TOML of nested tables of plain values."""
+    values = [f"{key} = {json.dumps(v)}" for key, v in tables.items() if not isinstance(v, dict)]
+    sections = [
+        f"\n[{prefix}{key}]\n{toml(v, f'{prefix}{key}.')}" for key, v in tables.items() if isinstance(v, dict)
+    ]
+    return "\n".join(values) + "\n" + "".join(sections)
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Run:
+    """Runs ``rig`` with arguments in this process: exit status, standard output, standard error."""
+    monkeypatch.delenv("SKYFIX_CONFIG", raising=False)
+    monkeypatch.chdir(tmp_path)
+
+    def rig(*arguments: str | Path) -> tuple[int, str, str]:
+        monkeypatch.setattr("sys.argv", ["rig", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        printed = capsys.readouterr()
+        assert isinstance(ended.value.code, int)
+        return ended.value.code, printed.out, printed.err
+
+    return rig
+
+
+@pytest.fixture
+def running(monkeypatch: pytest.MonkeyPatch) -> Iterator[RunningRig]:
+    with running_rig(monkeypatch, FakeRig()) as rig:
+        yield rig
+
+
+def written(running: RunningRig, folder: Path, **changes: dict[str, object] | None) -> Path:
+    path = folder / "rig.toml"
+    path.write_text(toml(running.settings(**changes)))
+    return path
+
+
+def one_line(result: tuple[int, str, str]) -> str:
+    """The line that bad input ends with."""
+    status, out, err = result
+    assert status == 2
+    assert out == ""
+    assert err.startswith("rig")
+    assert err.count("\n") == 1
+    assert err.endswith("\n")
+    return err.rstrip("\n")
+
+
+def test_help_has_examples(run: Run) -> None:
+    for command in ([], ["capture"], ["check"]):
+        status, out, _ = run(*command, "--help")
+        assert status == 0
+        assert "Example" in out
+
+
+def test_a_capture(run: Run, running: RunningRig, tmp_path: Path) -> None:
+    config = written(running, tmp_path)
+    status, out, err = run("capture", "--config", config, "--directions", "N,135")
+    assert status == 0
+    bundle = load_bundle(Path(out.strip()))
+    assert bundle.directory.parent == tmp_path / "bundles"
+    assert [frame.label for frame in bundle.frames] == ["N", "A135"]
+    lines = err.splitlines()
+    assert len(lines) == 3
+    assert lines[0].startswith("vehicle: heading 30.")
+    assert {line.split(":")[0] for line in lines[1:]} == {"N", "A135"}
+
+
+def test_the_configuration_of_the_environment(
+    run: Run, running: RunningRig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SKYFIX_CONFIG", str(written(running, tmp_path)))
+    status, out, _ = run("capture", "--directions", "N", "--out", "elsewhere")
+    assert status == 0
+    assert Path(out.strip()).parent == Path("elsewhere")
+
+
+def test_no_configuration(run: Run) -> None:
+    assert one_line(run("capture")) == (
+        "rig: no configuration: give --config FILE or set SKYFIX_CONFIG (example: configs/vehicle.toml)"
+    )
+    assert "absent.toml: cannot be read" in one_line(run("check", "--config", "absent.toml"))
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "value", "said"),
+    [
+        ("camera", "fx", 492.8, "[camera] fx: unknown key"),
+        ("camera", "width_px", "wide", "[camera] width_px: input should be a valid integer (found 'wide')"),
+        ("capture", "directions", ["N", "up"], "[capture] directions: 'up' is no direction"),
+    ],
+)
+def test_wrong_keys(
+    run: Run, running: RunningRig, tmp_path: Path, section: str, key: str, value: object, said: str
+) -> None:
+    config = written(running, tmp_path, **{section: {key: value}})
+    assert f"rig: {config}: {said}" in one_line(run("capture", "--config", config))
+    assert not (tmp_path / "bundles").exists()
+
+
+@pytest.mark.parametrize(
+    ("names", "said"),
+    [
+        ("N,Q", "'Q' is no direction; give letters"),
+        ("", "'' is no direction"),
+        ("N,E,90", "'90' is given twice (also as E)"),
+        ("400", "'400' is no direction"),
+    ],
+)
+def test_nonsense_as_directions(run: Run, running: RunningRig, tmp_path: Path, names: str, said: str) -> None:
+    line = one_line(run("capture", "--config", written(running, tmp_path), "--directions", names))
+    assert line.startswith("rig capture: --directions: ")
+    assert said in line
+
+
+def test_locate_needs_a_dem(run: Run) -> None:
+    assert "--locate and --dem FILE go together" in one_line(run("capture", "--locate"))
+    assert "--locate and --dem FILE go together" in one_line(run("capture", "--dem", "x.tif"))
+
+
+def test_a_dem_that_does_not_load_is_told_before_anything_moves(
+    run: Run, running: RunningRig, tmp_path: Path
+) -> None:
+    config = written(running, tmp_path)
+    assert "x.tif" in one_line(run("capture", "--config", config, "--locate", "--dem", "x.tif"))
+    assert not running.servos.requests
+
+
+def test_out_is_not_writable(run: Run, running: RunningRig, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    line = one_line(run("capture", "--config", written(running, tmp_path), "--out", "file/bundles"))
+    assert line == "rig: file/bundles: file is not a directory; choose another with --out"
+    assert not running.servos.requests
+
+
+def test_the_servo_port_is_absent(run: Run, running: RunningRig, tmp_path: Path) -> None:
+    config = written(running, tmp_path, pan_tilt={"port": "/dev/ttyUSB77"})
+    line = one_line(run("capture", "--config", config))
+    assert line.startswith("rig: serial port /dev/ttyUSB77: ")
+    assert not (tmp_path / "bundles").exists()
+
+
+def test_a_servo_of_another_model(run: Run, running: RunningRig, tmp_path: Path) -> None:
+    running.rig.tilt.put(0, 2, 1060)
+    line = one_line(run("capture", "--config", written(running, tmp_path)))
+    assert "expected id 1: XM430-W350, id 2: XM430-W350, found id 1: XM430-W350, id 2: XL430-W250" in line
+    assert not running.rig.torque_is_on
+    assert not (tmp_path / "bundles").exists()
+
+
+def test_a_chip_with_the_wrong_identity(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    adxl359 = RegisterChip(bytes([0xAD, 0x1D, 0xE9, 0x01]).ljust(256, b"\0"))
+    monkeypatch.setattr("rig.bus.i2c_chip.open_i2c", lambda url: FakeI2cBus({0x1D: adxl359}))
+    config = tmp_path / "rig.toml"
+    config.write_text((Path(__file__).parents[2] / "configs" / "vehicle.toml").read_text())
+    line = one_line(run("capture", "--config", config))
+    assert "ADXL355 at 0x1D" in line
+    assert "holds 0xE9 instead of 0xED (0xE9 in 0x02 is an ADXL359)" in line
+
+
+def test_the_camera_is_absent(run: Run, running: RunningRig, tmp_path: Path) -> None:
+    config = written(running, tmp_path, camera={"source": "http://127.0.0.1:9/stream.mjpg"})
+    line = one_line(run("capture", "--config", config))
+    assert line.startswith("rig: camera http://127.0.0.1:9/stream.mjpg: cannot be opened; ")
+    assert not running.rig.torque_is_on
+
+
+def test_no_way_from_magnetic_to_true_north(run: Run, running: RunningRig, tmp_path: Path) -> None:
+    tables = running.settings()
+    compass: Any = tables["compass"]
+    del compass["declination_deg"]
+    config = tmp_path / "rig.toml"
+    config.write_text(toml(tables))
+    line = one_line(run("capture", "--config", config))
+    assert "[compass] declination_deg: needed to get from magnetic to true north" in line
+
+
+@pytest.mark.parametrize(
+    ("number", "status", "said"),
+    [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "ended by SIGTERM")],
+)
+def test_stopped_by_a_signal(
+    run: Run, running: RunningRig, tmp_path: Path, number: signal.Signals, status: int, said: str
+) -> None:
+    def stop_twice() -> None:
+        while not running.rig.torque_is_on or running.rig.readings_taken < 2:
+            time.sleep(0.02)
+        os.kill(os.getpid(), number)
+        time.sleep(0.01)
+        os.kill(os.getpid(), number)  # an impatient operator
+
+    threading.Thread(target=stop_twice, daemon=True).start()
+    ended, out, err = run("capture", "--config", written(running, tmp_path))
+    assert (ended, out) == (status, "")
+    assert err.splitlines()[-1] == f"rig: {said}"
+    assert not running.rig.torque_is_on
+    assert not (tmp_path / "bundles").exists()
+
+
+def test_check_of_a_sound_rig(run: Run, running: RunningRig, tmp_path: Path) -> None:
+    config = written(running, tmp_path)
+    status, out, err = run("check", "--config", config)
+    assert (status, err) == (0, "")
+    for words in ("pan and tilt", "12.1 12.1", "inclinometer", "compass", "48.3 uT", "540.3 m", "frames/s"):
+        assert words in out
+    assert "FAILED" not in out
+    assert not running.rig.torque_is_on
+    assert not running.servos.written(116), "nothing moves"
+
+
+def test_check_goes_on_after_a_failure(run: Run, running: RunningRig, tmp_path: Path) -> None:
+    config = written(running, tmp_path, camera={"source": "http://127.0.0.1:9/"}, altimeter=None)
+    running.rig.pan.put(70, 1, 0x20)
+    status, out, _ = run("check", "--config", config, "--json")
+    assert status == 1
+    found = json.loads(out)
+    devices = {device["device"]: device for device in found["devices"]}
+    assert not found["ok"]
+    assert list(devices) == ["pan and tilt", "inclinometer", "compass", "camera"]
+    assert "overload" in devices["pan and tilt"]["problem"]
+    assert devices["pan and tilt"]["volts"] == pytest.approx([12.1, 12.1])
+    assert "cannot be opened" in devices["camera"]["problem"]
+    assert devices["inclinometer"]["ok"]
+    status, out, _ = run("check", "--config", config)
+    assert status == 1
+    assert "camera: camera http://127.0.0.1:9/: cannot be opened; check" in out
+
+
+def test_check_finds_what_only_measuring_shows(run: Run, running: RunningRig, tmp_path: Path) -> None:
+    running.rig.swing_deg, running.rig.swing_until_s = 0.5, float("inf")
+    running.rig.pressure_hpa = 250.0
+    running.rig.horizon_deg = lambda azimuth_deg: azimuth_deg * 0.0 + 90.0
+    hard_iron = {"hard_iron_ut": [90.0, 90.0, 0.0]}
+    status, out, _ = run("check", "--config", written(running, tmp_path, compass=hard_iron), "--json")
+    problems = {device["device"]: device["problem"] for device in json.loads(out)["devices"]}
+    assert status == 1
+    assert "deg is above 0.005 deg" in problems["inclinometer"]
+    assert "uT is not the Earth's field" in problems["compass"]
+    assert "would be an altitude of" in problems["altimeter"]
