@@ -1,0 +1,229 @@
+"""The ``sim`` command: a simulated rig over real terrain."""
+
+import json
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from functools import wraps
+from pathlib import Path
+from typing import TYPE_CHECKING, NoReturn, ParamSpec, TypeVar
+
+import click
+
+from localizer import command_line
+from localizer.errors import SkyfixError
+from sim.command import find_command, run_command
+from sim.errors import SimulationError
+
+if TYPE_CHECKING:
+    from sim.world import World
+
+EMBEDDED_DEM = Path(__file__).parent / "terrain" / "santa_cruz_srtm_1s.tif"
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+# What draws worlds is slow to import, and --help and bad usage should not wait for it: the commands import it.
+
+
+def main() -> NoReturn:
+    """Entry point of the ``sim`` script."""
+    # A polite end tears the fake devices down, as Ctrl-C does.
+    signal.signal(signal.SIGTERM, lambda number, _frame: sys.exit(128 + number))
+    command_line.run(sim, "sim")
+
+
+def _one_line_failures(function: Callable[P, T]) -> Callable[P, T]:
+    """Turn the simulator's failures into the ones that end a command with one line and status 2."""
+
+    @wraps(function)
+    def wrapped(*args: P.args, **kwargs: P.kwargs) -> T:
+        try:
+            return function(*args, **kwargs)
+        except SimulationError as error:
+            raise SkyfixError(str(error)) from error
+
+    return wrapped
+
+
+_dem_option = click.option(
+    "--dem",
+    "dem_paths",
+    type=click.Path(path_type=Path),
+    multiple=True,
+    metavar="FILE",
+    help="Elevation raster; repeat it for files that adjoin. Default: the terrain that comes with skyfix.",
+)
+_seed_option = click.option(
+    "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Another seed, another world."
+)
+
+
+def _world_options(function: Callable[P, T]) -> Callable[P, T]:
+    """The options that say which world is simulated."""
+    for option in (
+        click.option(
+            "--scenario",
+            "scenario_path",
+            type=click.Path(path_type=Path),
+            metavar="FILE",
+            help="TOML file with the sizes of the error sources and the devices that are fitted.",
+        ),
+        _seed_option,
+        _dem_option,
+    ):
+        function = option(function)
+    return function
+
+
+def _make_world(dem_paths: Sequence[Path], seed: int, scenario_path: Path | None) -> "World":
+    from sim.scenario import load_scenario
+    from sim.world import World
+
+    return World.create(_dems(dem_paths), load_scenario(scenario_path), seed)
+
+
+def _dems(dem_paths: Sequence[Path]) -> list[Path]:
+    return list(dem_paths) or [EMBEDDED_DEM]
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+def sim() -> None:
+    """A simulated rig over real terrain.
+
+    Example: sim run --seed 7 -- rig capture --out bundles
+    """
+
+
+@sim.command("run")
+@_world_options
+@click.argument("command", metavar="-- COMMAND...", nargs=-1, required=True, type=click.UNPROCESSED)
+@_one_line_failures
+def run_(dem_paths: tuple[Path, ...], seed: int, scenario_path: Path | None, command: tuple[str, ...]) -> int:
+    """Run COMMAND with a simulated rig.
+
+    COMMAND finds the rig's configuration in SKYFIX_CONFIG and, for tests only, the truth in SKYFIX_TRUTH. The
+    exit status is COMMAND's.
+
+    Example: sim run --seed 7 -- rig capture --out bundles
+    """
+    find_command(command[0])
+    world = _make_world(dem_paths, seed, scenario_path)
+
+    from sim.launcher import simulated_rig
+
+    with simulated_rig(world) as rig:
+        return run_command(command, rig.environment)
+
+
+@sim.command()
+@_world_options
+@click.option(
+    "--out",
+    "folder",
+    type=click.Path(path_type=Path, file_okay=False),
+    required=True,
+    metavar="DIR",
+    help="Where the pictures go.",
+)
+@click.option(
+    "--azimuth",
+    "azimuths_deg",
+    type=float,
+    multiple=True,
+    default=(0.0, 90.0, 180.0, 270.0),
+    show_default=True,
+    help="True azimuth to look at, degrees; may be repeated.",
+)
+@click.option("--tilt", "tilt_deg", type=click.FloatRange(-60.0, 60.0), default=4.0, show_default=True)
+@_one_line_failures
+def render(
+    dem_paths: tuple[Path, ...],
+    seed: int,
+    scenario_path: Path | None,
+    folder: Path,
+    azimuths_deg: tuple[float, ...],
+    tilt_deg: float,
+) -> None:
+    """Draw what the camera sees in some directions, the whole view on one sheet, and the truth about it.
+
+    Example: sim render --seed 7 --azimuth 45 --out pictures
+    """
+    world = _make_world(dem_paths, seed, scenario_path)
+
+    import cv2
+
+    from sim.contact_sheet import contact_sheet
+    from sim.mechanics import camera_in_world
+    from sim.panorama import render_panorama
+    from sim.renderer import Renderer
+
+    panorama = render_panorama(world)
+    renderer = Renderer(world, panorama)
+    pictures = {
+        f"azimuth_{azimuth_deg % 360.0:g}.png": renderer.frame(
+            camera_in_world(azimuth_deg, tilt_deg, 0.0), world.rng("camera")
+        )
+        for azimuth_deg in azimuths_deg
+    }
+    pictures["sheet.png"] = contact_sheet(world, panorama, renderer)
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, picture in pictures.items():
+        path = folder / name
+        if not cv2.imwrite(str(path), picture):
+            raise SimulationError(f"{path}: cannot be written; choose another --out")
+        click.echo(path)
+    truth_path = folder / "truth.json"
+    truth_path.write_text(json.dumps(world.truth_json(), indent=2), encoding="utf-8")
+    click.echo(truth_path)
+
+
+@sim.command()
+@_world_options
+@click.option(
+    "--out",
+    "folder",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("demo"),
+    show_default=True,
+    metavar="DIR",
+    help="Where bundle, fix and picture go.",
+)
+@_one_line_failures
+def demo(dem_paths: tuple[Path, ...], seed: int, scenario_path: Path | None, folder: Path) -> int:
+    """Capture with a simulated rig somewhere on the terrain, and find out where that was.
+
+    Ends with 0 where the answer is honest (a fix within what it claims, ambiguous, none) and 5 for a wrong fix.
+
+    Example: sim demo --seed 7 --out demo
+    """
+    world = _make_world(dem_paths, seed, scenario_path)
+
+    from sim.demo import demo
+
+    return demo(world, _dems(dem_paths), folder)
+
+
+@sim.command()
+@_dem_option
+@_seed_option
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@_one_line_failures
+def paper(dem_paths: tuple[Path, ...], seed: int, as_json: bool) -> None:
+    """Repeat the paper's Table I at contour level: nine places, noise-free and with sigma = 5 px.
+
+    Example: sim paper --json
+    """
+    from sim.paper import repeat_table_i
+    from sim.paper_table import print_table, to_json
+
+    rows = repeat_table_i(
+        _dems(dem_paths),
+        not dem_paths,
+        seed,
+        lambda number, row: click.echo(f"place {number + 1} of 9: {row.status_noise_free}", err=True),
+    )
+    if as_json:
+        click.echo(to_json(rows))
+    else:
+        print_table(rows)

@@ -1,0 +1,83 @@
+"""A camera as an MJPEG stream over HTTP on loopback: each frame is taken at the moment that it is sent."""
+
+import contextlib
+import socket
+import threading
+import time
+from collections.abc import Callable
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+PATH = "/stream.mjpg"
+BOUNDARY = "frame"
+
+
+class CameraStream:
+    """Serves ``frame()`` (height, width, 3; BGR) at ``rate_hz`` to whoever connects; idle while nobody does."""
+
+    def __init__(
+        self, frame: Callable[[], NDArray[np.uint8]], *, rate_hz: float = 10.0, jpeg_quality: int = 95
+    ) -> None:
+        self._frame = frame
+        self._period_s = 1.0 / rate_hz
+        self._jpeg_quality = jpeg_quality
+        self._closing = threading.Event()
+        self._connections: set[socket.socket] = set()
+        self._server = ThreadingHTTPServer(("127.0.0.1", 0), self._handler())
+        self._server.daemon_threads = False  # so that close() waits for the streams to end
+        self._thread = threading.Thread(
+            target=self._server.serve_forever, kwargs={"poll_interval": 0.1}, name="camera"
+        )
+        self._thread.start()
+
+    @property
+    def url(self) -> str:
+        """What a rig configuration names as the source."""
+        return f"http://127.0.0.1:{self._server.server_port}{PATH}"
+
+    def close(self) -> None:
+        """End all streams and the server. May be called twice."""
+        if self._closing.is_set():
+            return
+        self._closing.set()
+        self._server.shutdown()
+        for connection in list(self._connections):
+            with contextlib.suppress(OSError):
+                connection.shutdown(socket.SHUT_RDWR)
+        self._server.server_close()
+        self._thread.join()
+
+    def _handler(self) -> type[BaseHTTPRequestHandler]:
+        stream = self
+
+        class Handler(BaseHTTPRequestHandler):
+            def do_GET(self) -> None:
+                if self.path != PATH:
+                    self.send_error(HTTPStatus.NOT_FOUND)
+                    return
+                self.send_response(HTTPStatus.OK)
+                self.send_header("Content-Type", f"multipart/x-mixed-replace; boundary={BOUNDARY}")
+                self.end_headers()
+                stream._connections.add(self.connection)
+                with contextlib.suppress(ConnectionError):
+                    stream._send_frames(self.wfile.write)
+                stream._connections.discard(self.connection)
+
+            def log_message(self, format: str, *args: object) -> None:  # noqa: A002 - the base class's name
+                """Say nothing: the terminal belongs to the command under test."""
+
+        return Handler
+
+    def _send_frames(self, write: Callable[[bytes], object]) -> None:
+        due_s = time.monotonic()
+        while not self._closing.is_set():
+            ok, jpeg = cv2.imencode(".jpg", self._frame(), [cv2.IMWRITE_JPEG_QUALITY, self._jpeg_quality])
+            assert ok
+            head = f"--{BOUNDARY}\r\nContent-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n"
+            write(head.encode("ascii") + jpeg.tobytes() + b"\r\n")
+            due_s = max(due_s + self._period_s, time.monotonic())
+            self._closing.wait(due_s - time.monotonic())

@@ -1,0 +1,108 @@
+"""IIS2ICLX: two-axis inclinometer, 16 bit (data sheet and AN5509, register map)."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.devices.i2c_chip import RegisterChip
+from sim.devices.sampling import Sampler
+
+WHO_AM_I, CTRL1_XL, CTRL3_C, CTRL8_XL, STATUS, OUT_TEMP_L, OUT_X_L = 0x0F, 0x10, 0x12, 0x17, 0x1E, 0x20, 0x28
+IDENTITY = 0x6B
+ODR_HZ = (0.0, 12.5, 26.0, 52.0, 104.0, 208.0, 416.0, 833.0)
+MG_PER_LSB = (0.015, 0.122, 0.031, 0.061)  # by the code in CTRL1_XL: 0.5, 3, 1, 2 g
+RATE_OVER_BANDWIDTH = (4, 10, 20, 45, 100, 200, 400, 800)  # by the code in CTRL8_XL, with LPF2
+LPF2_ENABLE, BOOT, BLOCK_UPDATE, AUTO_INCREMENT, SOFT_RESET = 0x02, 0x80, 0x40, 0x04, 0x01
+ACCELERATION_READY, TEMPERATURE_READY = 0x01, 0x04
+RESET_S = 0.001
+WRITABLE = frozenset([*range(0x01, 0x0F), *range(0x10, 0x1A), *range(0x56, 0x60), 0x73, 0x74])
+
+
+class Iis2iclx(RegisterChip):
+    """The chip, measuring the first two of ``acceleration_g()`` in its own axes.
+
+    ``noise_density_g`` is in g per square root of hertz. Offsets and drift belong to ``acceleration_g``.
+    """
+
+    def __init__(
+        self,
+        acceleration_g: Callable[[], NDArray[np.float64]],
+        temperature_c: Callable[[], float],
+        *,
+        clock: Callable[[], float],
+        rng: np.random.Generator,
+        noise_density_g: float = 15e-6,
+        address: int = 0x6A,
+    ) -> None:
+        super().__init__(address)
+        self._acceleration_g = acceleration_g
+        self._temperature_c = temperature_c
+        self._clock = clock
+        self._sampler = Sampler(noise_density_g, rng)
+        self._busy_until_s = clock()
+        self._reset()
+
+    def _reset(self) -> None:
+        self._registers = {CTRL3_C: AUTO_INCREMENT}
+        self._latest = bytes(4)
+        self._output = bytearray(4)
+        self._unread: set[int] = set()
+        self._temperature = bytes(2)
+        self._ready = 0
+        self._restart()
+
+    def _restart(self) -> None:
+        control = self._registers.get(CTRL1_XL, 0)
+        divider = RATE_OVER_BANDWIDTH[self._registers.get(CTRL8_XL, 0) >> 5] if control & LPF2_ENABLE else 2
+        self._sampler.start(self._clock(), ODR_HZ[min(control >> 4, 7)], divider)
+
+    def _wake(self) -> None:
+        for sample in self._sampler.take(self._clock(), self._acceleration_g()[:2]):
+            mg_per_lsb = MG_PER_LSB[self._registers.get(CTRL1_XL, 0) >> 2 & 0x03]
+            counts = np.clip(np.round(sample * 1000 / mg_per_lsb), -32768, 32767)
+            self._latest = counts.astype("<i2").tobytes()
+            temperature = round((self._temperature_c() - 25.0) * 256)
+            self._temperature = temperature.to_bytes(2, "little", signed=True)
+            self._ready |= ACCELERATION_READY | TEMPERATURE_READY
+        blocked = self._registers[CTRL3_C] & BLOCK_UPDATE and self._unread
+        if not blocked:
+            self._output[:] = self._latest
+
+    def _read(self, register: int) -> int:
+        if register == WHO_AM_I:
+            return IDENTITY
+        if register == CTRL3_C and self._clock() < self._busy_until_s:
+            return self._registers[CTRL3_C] | SOFT_RESET
+        if register == STATUS:
+            return self._ready
+        if OUT_TEMP_L <= register < OUT_TEMP_L + 2:
+            self._ready &= ~TEMPERATURE_READY
+            return self._temperature[register - OUT_TEMP_L]
+        if OUT_X_L <= register < OUT_X_L + 4:
+            return self._read_output(register - OUT_X_L)
+        return self._registers.get(register, 0)
+
+    def _read_output(self, index: int) -> int:
+        """With block update an axis stays as it is from the first of its bytes read to the second."""
+        self._ready &= ~ACCELERATION_READY
+        partner = index ^ 1
+        if partner in self._unread or index in self._unread:
+            self._unread.discard(index)
+        else:
+            self._unread.add(partner)
+        return self._output[index]
+
+    def _increments(self, register: int) -> bool:
+        return bool(self._registers[CTRL3_C] & AUTO_INCREMENT) and register >= 0
+
+    def _write(self, register: int, value: int) -> None:
+        if register not in WRITABLE:
+            return
+        if register == CTRL3_C and value & (SOFT_RESET | BOOT):
+            self._reset()
+            self._busy_until_s = self._clock() + RESET_S
+            return
+        self._registers[register] = value
+        if register in (CTRL1_XL, CTRL8_XL):
+            self._restart()

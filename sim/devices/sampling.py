@@ -1,0 +1,51 @@
+"""A sensor's sampling: a value behind a low-pass and noise of a given density, made when somebody looks."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+MOST_SAMPLES = 64
+"""Nobody can see more than this many samples back (FIFO depths); older ones need not be made one by one."""
+
+
+class Sampler:
+    """Samples at a fixed rate behind a one-pole low-pass.
+
+    White noise of one-sided density d has rms d * sqrt(rate / 2) at the sampling rate; the low-pass leaves
+    d * sqrt(bandwidth) of it, so that averaging over a time T ends at d / sqrt(2 T) whatever the filter.
+    """
+
+    def __init__(self, density: float, rng: np.random.Generator) -> None:
+        self._density = density
+        self._rng = rng
+        self._rate_hz = 0.0
+        self._memory = 0.0
+        self._started_s = 0.0
+        self._taken = 0
+        self._filtered: NDArray[np.float64] | None = None
+
+    def start(self, time_s: float, rate_hz: float, rate_over_bandwidth: float) -> None:
+        """Begin anew with another rate and bandwidth (rate 0: no samples)."""
+        self._rate_hz = rate_hz
+        self._memory = (rate_over_bandwidth - 2.0) / (rate_over_bandwidth + 2.0)
+        self._started_s = time_s
+        self._taken = 0
+        self._filtered = None
+
+    def take(self, time_s: float, value: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+        """The samples since the last call, oldest first; ``value`` is what is measured now."""
+        due = math.floor((time_s - self._started_s) * self._rate_hz) - self._taken
+        if due <= 0:
+            return []
+        self._taken += due
+        if self._filtered is None:
+            self._filtered = value
+        skipped = max(due - MOST_SAMPLES, 0)
+        self._filtered = value + (self._filtered - value) * self._memory**skipped
+        samples = []
+        for _ in range(due - skipped):
+            noise = self._rng.normal(0.0, self._density * math.sqrt(self._rate_hz / 2), value.shape)
+            self._filtered = self._memory * self._filtered + (1 - self._memory) * (value + noise)
+            samples.append(self._filtered)
+        return samples

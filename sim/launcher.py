@@ -1,0 +1,195 @@
+"""Starts the fake devices of a world, writes the rig configuration that points at them, tears everything down."""
+
+import json
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim import fitted_sensors
+from sim.devices.camera_stream import CameraStream
+from sim.devices.i2c_bridge import I2cBridge
+from sim.devices.pty_port import PtyPort
+from sim.devices.servo import GearTrain, Servo
+from sim.devices.servo_bus import ServoBus
+from sim.devices.talkers import Talker
+from sim.devices.x_series import BAUD_RATES, MODELS
+from sim.fitted_sensors import FittedChip, FittedTalker
+from sim.mechanics import JointState
+from sim.panorama import render_panorama
+from sim.renderer import Renderer
+from sim.rig_config import rig_config
+from sim.world import World
+
+BAUD = 1_000_000
+DEG_PER_TICK = 360.0 / 4096.0
+RETURN_DELAY_2US = 25
+"""What an installer sets it to, in units of 2 us; the factory's 500 us only cost time."""
+
+Picture = Callable[[NDArray[np.float64], np.random.Generator], NDArray[np.uint8]]
+
+
+@dataclass(frozen=True)
+class Joint:
+    """How a servo is built in: the tick where the joint is at zero, and the way that it turns."""
+
+    name: str
+    servo_id: int
+    zero_tick: int
+    direction: int
+    min_deg: float
+    max_deg: float
+    parked_deg: float
+
+    def angle_deg(self, shaft_deg: float) -> float:
+        """The joint's angle at a position of the servo's shaft."""
+        return (shaft_deg - self.zero_tick * DEG_PER_TICK) * self.direction
+
+    def tick(self, angle_deg: float) -> float:
+        """The servo's position at an angle of the joint."""
+        return self.zero_tick + angle_deg * self.direction / DEG_PER_TICK
+
+
+PAN = Joint("pan", 1, zero_tick=2053, direction=1, min_deg=-178.0, max_deg=178.0, parked_deg=35.0)
+TILT = Joint("tilt", 2, zero_tick=1992, direction=-1, min_deg=-40.0, max_deg=60.0, parked_deg=-12.0)
+
+
+@dataclass(frozen=True)
+class SimulatedRig:
+    """Fake devices that run. Tests reach into them to break something; programs only get the two paths."""
+
+    config_path: Path
+    truth_path: Path
+    pan: Servo
+    tilt: Servo
+    servo_bus: ServoBus
+    i2c: I2cBridge
+    camera: CameraStream
+    talkers: tuple[Talker, ...]
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """The environment variables of the contract."""
+        return {"SKYFIX_CONFIG": str(self.config_path), "SKYFIX_TRUTH": str(self.truth_path)}
+
+
+@contextmanager
+def simulated_rig(
+    world: World, *, picture: Picture | None = None, bundle_dir: Path | None = None
+) -> Iterator[SimulatedRig]:
+    """Run the devices of ``world`` while the context lasts.
+
+    ``picture`` draws what the camera sees from its axes in east, north, up (3, 3): (height, width, 3), BGR; the
+    world's terrain and sky unless given. ``bundle_dir`` is where the rig puts bundles when not told otherwise:
+    ``bundles`` in the current folder.
+    """
+    picture = picture or Renderer(world, render_panorama(world)).frame
+    start_s = time.monotonic()
+
+    def clock() -> float:
+        return time.monotonic() - start_s
+
+    pan, tilt = (_servo(world, joint, clock) for joint in (PAN, TILT))
+
+    def head() -> JointState:
+        """Where the joints are at this moment; ``world.head`` follows."""
+        (pan_deg, pan_moves), (tilt_deg, tilt_moves) = pan.shaft(), tilt.shaft()
+        world.head.set(PAN.angle_deg(pan_deg), TILT.angle_deg(tilt_deg), pan_moves or tilt_moves)
+        return world.head.state()
+
+    with ExitStack() as running:
+        folder = Path(running.enter_context(tempfile.TemporaryDirectory(prefix="skyfix-sim-")))
+
+        servo_port = PtyPort()
+        running.callback(servo_port.close)
+        servo_bus = ServoBus([pan, tilt])
+        servo_bus.serve(servo_port)
+
+        inclinometer = fitted_sensors.inclinometer(world, head, clock)
+        others = {
+            "compass": fitted_sensors.compass(world, head, clock),
+            "altimeter": fitted_sensors.altimeter(world, clock),
+        }
+        talkers = tuple(fitted.talker for fitted in others.values() if isinstance(fitted, FittedTalker))
+        for talker in talkers:
+            running.callback(talker.close)
+        chips = [fitted for fitted in (inclinometer, *others.values()) if isinstance(fitted, FittedChip)]
+        i2c = I2cBridge({bus: [c.chip for c in chips if c.bus == bus] for bus in {c.bus for c in chips}})
+        running.callback(i2c.close)
+
+        camera = _camera(world, head, picture)
+        running.callback(camera.close)
+
+        def keys(fitted: FittedChip | FittedTalker) -> dict[str, Any]:
+            return fitted.keys | ({"bus": i2c.url(fitted.bus)} if isinstance(fitted, FittedChip) else {})
+
+        config_path, truth_path = folder / "rig.toml", folder / "truth.json"
+        config = rig_config(
+            world,
+            pan_tilt={"port": servo_port.path, "baud": BAUD},
+            joints={joint.name: _joint_keys(world, joint) for joint in (PAN, TILT)},
+            inclinometer=keys(inclinometer),
+            compass=keys(others["compass"]),
+            altimeter=keys(others["altimeter"]),
+            camera_source=camera.url,
+            bundle_dir=bundle_dir or Path.cwd() / "bundles",
+        )
+        config_path.write_text(config, encoding="utf-8")
+        truth_path.write_text(json.dumps(world.truth_json(), indent=2), encoding="utf-8")
+        yield SimulatedRig(config_path, truth_path, pan, tilt, servo_bus, i2c, camera, talkers)
+
+
+def _model_name(world: World, joint: Joint) -> str:
+    fitted = world.scenario.servo
+    return fitted.pan_model if joint is PAN else fitted.tilt_model
+
+
+def _joint_keys(world: World, joint: Joint) -> dict[str, Any]:
+    return {
+        "id": joint.servo_id,
+        "model": _model_name(world, joint),
+        "zero_tick": joint.zero_tick,
+        "direction": joint.direction,
+        "min_deg": joint.min_deg,
+        "max_deg": joint.max_deg,
+    }
+
+
+def _servo(world: World, joint: Joint, clock: Callable[[], float]) -> Servo:
+    fitted, model = world.scenario.servo, MODELS[_model_name(world, joint)]
+    return Servo(
+        replace(model, speed_deg_s=min(fitted.max_velocity_deg_s, model.speed_deg_s)),
+        joint.servo_id,
+        clock=clock,
+        rng=world.rng(f"{joint.name} servo"),
+        shaft_tick=joint.tick(joint.parked_deg),
+        gears=GearTrain(
+            backlash_deg=fitted.backlash_deg,
+            settle_sigma_deg=fitted.settle_sigma_deg,
+            encoder_sigma_ticks=fitted.encoder_noise_ticks,
+            ring_deg=fitted.swing_deg,
+        ),
+        supply_v=fitted.supply_voltage_v,
+        temperature_c=world.air_temperature_c + 12.0,
+        eeprom={"baud_rate": BAUD_RATES.index(BAUD), "return_delay_time": RETURN_DELAY_2US},
+    )
+
+
+def _camera(world: World, head: Callable[[], JointState], picture: Picture) -> CameraStream:
+    noise, optics = world.rng("camera"), world.scenario.camera
+    one_at_a_time = threading.Lock()  # there is one sensor, however many look at its pictures
+
+    def frame() -> NDArray[np.uint8]:
+        with one_at_a_time:
+            state = head()
+            return picture(world.camera_rotation(state.pan_deg, state.tilt_deg), noise)
+
+    frame()  # the first one compiles its kernels; a client would take a camera that long silent for a broken one
+    return CameraStream(frame, rate_hz=optics.frame_rate_hz, jpeg_quality=optics.jpeg_quality)

@@ -1,0 +1,116 @@
+"""How base, pan, tilt and boresight turn the camera: the truth's own kinematics.
+
+Frames: world is east, north, up; base, pan stage and head are x right, y forward, z up; the camera is
+OpenCV's (x right, y down, z forward). A rotation named ``a_in_b`` has a's axes as its columns, given in b.
+Pan is clockwise-positive seen from above, tilt up-positive.
+"""
+
+import threading
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Rotation = NDArray[np.float64]
+
+
+def camera_in_world(azimuth_deg: float, tilt_deg: float, roll_deg: float) -> Rotation:
+    """Camera axes in east, north, up (3, 3): looks at a true azimuth, tilted up, rolled clockwise."""
+    a, t, r = np.radians([azimuth_deg, tilt_deg, roll_deg])
+    forward = np.array([np.sin(a) * np.cos(t), np.cos(a) * np.cos(t), np.sin(t)])
+    level_right = np.array([np.cos(a), -np.sin(a), 0.0])
+    level_down = np.cross(forward, level_right)
+    right = level_right * np.cos(r) + level_down * np.sin(r)
+    down = -level_right * np.sin(r) + level_down * np.cos(r)
+    return np.column_stack([right, down, forward])
+
+
+def body_in_world(heading_deg: float, pitch_deg: float, roll_deg: float) -> Rotation:
+    """Axes right, forward, up of a body in east, north, up (3, 3); nose-up pitch, clockwise roll."""
+    right, down, forward = camera_in_world(heading_deg, pitch_deg, roll_deg).T
+    return np.column_stack([right, forward, -down])
+
+
+def pan_stage_in_base(pan_deg: float) -> Rotation:
+    """Axes of the pan stage in the base (3, 3): pan turns y towards x."""
+    p = np.radians(pan_deg)
+    return np.array([[np.cos(p), np.sin(p), 0.0], [-np.sin(p), np.cos(p), 0.0], [0.0, 0.0, 1.0]])
+
+
+def head_in_pan_stage(tilt_deg: float) -> Rotation:
+    """Axes of the head in the pan stage (3, 3): tilt turns y towards z."""
+    t = np.radians(tilt_deg)
+    return np.array([[1.0, 0.0, 0.0], [0.0, np.cos(t), -np.sin(t)], [0.0, np.sin(t), np.cos(t)]])
+
+
+@dataclass(frozen=True)
+class Attitude:
+    """Of the base against the world, degrees; or of the camera against the head (azimuth, tilt, roll)."""
+
+    heading_deg: float
+    pitch_deg: float
+    roll_deg: float
+
+
+@dataclass(frozen=True)
+class Mechanics:
+    """The chain from the ground to the camera."""
+
+    base: Attitude
+    boresight: Attitude
+
+    def pan_stage_in_world(self, pan_deg: float) -> Rotation:
+        """Axes of the pan stage in east, north, up (3, 3)."""
+        base = body_in_world(self.base.heading_deg, self.base.pitch_deg, self.base.roll_deg)
+        return base @ pan_stage_in_base(pan_deg)
+
+    def head_in_world(self, pan_deg: float, tilt_deg: float) -> Rotation:
+        """Axes of the head in east, north, up (3, 3)."""
+        return self.pan_stage_in_world(pan_deg) @ head_in_pan_stage(tilt_deg)
+
+    def camera_in_world(self, pan_deg: float, tilt_deg: float) -> Rotation:
+        """Camera axes in east, north, up (3, 3), with the camera mounted slightly off (boresight)."""
+        b = self.boresight
+        return self.head_in_world(pan_deg, tilt_deg) @ camera_in_world(b.heading_deg, b.pitch_deg, b.roll_deg)
+
+
+@dataclass(frozen=True)
+class JointState:
+    """Where the joints truly are at one moment."""
+
+    pan_deg: float
+    tilt_deg: float
+    moving: bool
+
+
+class Head:
+    """The true joint angles now: written by the servos, read by camera and sensors, from any thread."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._state = JointState(0.0, 0.0, False)
+
+    def set(self, pan_deg: float, tilt_deg: float, moving: bool) -> None:
+        """Replace the whole state at once."""
+        with self._lock:
+            self._state = JointState(pan_deg, tilt_deg, moving)
+
+    def state(self) -> JointState:
+        """The whole state of one moment."""
+        with self._lock:
+            return self._state
+
+    @property
+    def pan_deg(self) -> float:
+        """Pan of the stage against the base, clockwise-positive."""
+        return self.state().pan_deg
+
+    @property
+    def tilt_deg(self) -> float:
+        """Tilt of the head against the pan stage, up-positive."""
+        return self.state().tilt_deg
+
+    @property
+    def moving(self) -> bool:
+        """Whether a motor is drawing current to move."""
+        return self.state().moving

@@ -1,0 +1,194 @@
+"""The scenario: the size of every error source of the simulated rig, realistic unless a file says otherwise.
+
+Sigmas are what a draw is made from; the values drawn for one seed are in ``World.biases``.
+"""
+
+import tomllib
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from sim.errors import SimulationError
+
+InclinometerChip = Literal["adxl355", "iis2iclx"]
+CompassKind = Literal["mmc5983ma", "hdg", "hdm", "hdt", "ths", "ptnthpr", "ohpr"]
+AltimeterKind = Literal["bmp390", "bmp388", "ms5611", "xdr", "mda", "vaisala-pa50"]
+ServoModel = Literal["XM430-W350", "XL430-W250"]
+Sky = Literal["clear", "scattered", "broken", "overcast", "drawn"]
+
+NonNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Latitude = Annotated[float, Field(ge=-89.0, le=89.0)]
+Longitude = Annotated[float, Field(ge=-180.0, le=180.0)]
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Place(_Section):
+    """Where the vehicle stands: drawn under these conditions, or given in WGS84 by both coordinates."""
+
+    lat_deg: Latitude | None = None
+    lon_deg: Longitude | None = None
+    max_slope_deg: Positive = 25.0  # what the vehicle can drive on
+    edge_margin_m: NonNegative = 1000.0  # the place, and what forms its horizon, stay this far inside the DEM
+    enclosed_fraction: Annotated[float, Field(ge=0.0, le=1.0)] = (
+        0.9  # of the azimuths must end on such terrain
+    )
+
+    @model_validator(mode="after")
+    def _both_or_none(self) -> "Place":
+        if (self.lat_deg is None) != (self.lon_deg is None):
+            raise ValueError("give both lat_deg and lon_deg, or neither")
+        return self
+
+
+class Vehicle(_Section):
+    """The base that the head stands on."""
+
+    mast_height_m: Positive = 2.0
+    max_tilt_deg: Annotated[float, Field(ge=0.0, le=30.0)] = 6.0  # of the base, in a random direction
+    heading_deg: Annotated[float, Field(ge=0.0, lt=360.0)] | None = None  # true; drawn when absent
+
+
+class Boresight(_Section):
+    """How the camera sits in the head, unknown to the rig."""
+
+    azimuth_sigma_deg: NonNegative = 0.05
+    tilt_sigma_deg: NonNegative = 0.01
+    roll_sigma_deg: NonNegative = 0.02
+
+
+class Servo(_Section):
+    """The pan and tilt motors; quantisation to 4096 ticks a turn comes with the device."""
+
+    pan_model: ServoModel = "XM430-W350"
+    tilt_model: ServoModel = "XM430-W350"
+    backlash_deg: NonNegative = 0.05  # whole width of the play between gear and head
+    settle_sigma_deg: NonNegative = 0.03  # how far from its goal friction lets the shaft come to rest
+    encoder_noise_ticks: NonNegative = 0.2  # of one reading
+    swing_deg: NonNegative = 0.1  # the head swings on after a stop from 60 deg/s, and comes to rest
+    max_velocity_deg_s: Positive = 240.0  # what the motor reaches whatever its profile asks for
+    supply_voltage_v: Positive = 12.0
+
+
+class Inclinometer(_Section):
+    """Accelerometer in the head."""
+
+    chip: InclinometerChip = "adxl355"
+    noise_density_ug_rthz: NonNegative = 22.5
+    zero_offset_sigma_mg: NonNegative = 0.2  # per axis, what is left after zeroing
+    temperature_drift_sigma_mg_c: NonNegative = 0.02  # per axis and degree away from 20 C, where zeroed
+
+
+class Compass(_Section):
+    """Magnetometer on the pan stage, or a talker there."""
+
+    kind: CompassKind = "mmc5983ma"
+    noise_ut: NonNegative = 0.04  # per axis and sample
+    hard_iron_sigma_ut: NonNegative = 5.0  # per axis, fixed to the pan stage
+    hard_iron_calibration_sigma_ut: NonNegative = 0.2  # per axis, error of the crew's calibration of it
+    declination_anomaly_sigma_deg: NonNegative = 0.4  # the local field against the World Magnetic Model
+    motor_current_field_ut: NonNegative = 8.0  # while a motor moves
+    bridge_offset_sigma_ut: NonNegative = 15.0  # of the chip, per axis; SET and RESET uncover it
+    talker_noise_deg: NonNegative = 0.2  # per sentence, for kinds that send headings
+
+
+class Altimeter(_Section):
+    """Barometer, and the reference pressure that the crew wrote down before they left."""
+
+    kind: AltimeterKind = "bmp390"
+    noise_hpa: NonNegative = 0.01  # per reading
+    bias_sigma_hpa: NonNegative = 0.25
+    reference_sigma_hpa: NonNegative = 0.1  # error of the pressure written down
+    reference_temperature_sigma_c: NonNegative = 1.0
+    reference_age_h: NonNegative = 1.0
+    weather_drift_sigma_hpa_h: NonNegative = 0.4  # of the weather since then
+
+
+class Weather(_Section):
+    """Air and light."""
+
+    sea_level_pressure_hpa: Positive | None = None  # drawn around 1015 when absent
+    sea_level_temperature_c: Annotated[float, Field(ge=-60.0, le=60.0)] | None = (
+        None  # drawn around 18 when absent
+    )
+    lapse_rate_k_km: NonNegative = 6.5
+    visibility_km: Positive = 60.0
+    sky: Sky = "drawn"  # drawn: one of the four others
+    sun_azimuth_deg: Annotated[float, Field(ge=0.0, lt=360.0)] | None = None
+    sun_elevation_deg: Annotated[float, Field(ge=-5.0, le=90.0)] | None = (
+        None  # drawn from 8 to 65 when absent
+    )
+    snow_line_m: Finite | None = None  # snow lies above it; none when absent
+    decimal_year: Annotated[float, Field(ge=2025.0, lt=2030.0)] = 2026.9  # for the magnetic field (WMM2025)
+
+
+class CameraOptics(_Section):
+    """The camera as it truly is. The rig is told the same intrinsics: calibration finds them well."""
+
+    width_px: Annotated[int, Field(ge=16, le=4096)] = 640
+    height_px: Annotated[int, Field(ge=16, le=4096)] = 480
+    fx_px: Positive = 492.8
+    fy_px: Positive = 492.8
+    cx_px: Finite = 319.5
+    cy_px: Finite = 239.5
+    distortion: tuple[Finite, Finite, Finite, Finite, Finite] = (
+        -0.06,
+        0.012,
+        0.0004,
+        -0.0003,
+        0.0,
+    )  # k1 k2 p1 p2 k3
+    blur_px: NonNegative = 0.6  # sigma of the point spread
+    noise: NonNegative = 2.0  # sigma of a mid-grey pixel, of 255
+    exposure: Positive = 1.0  # 1 is right
+    vignetting: Annotated[float, Field(ge=0.0, le=1.0)] = 0.25  # light lost in the corners
+    frame_rate_hz: Positive = 10.0
+    jpeg_quality: Annotated[int, Field(ge=1, le=100)] = 95
+
+
+class Scenario(_Section):
+    """Everything that a simulated world is drawn from, besides the terrain and the seed."""
+
+    place: Place = Place()
+    vehicle: Vehicle = Vehicle()
+    boresight: Boresight = Boresight()
+    servo: Servo = Servo()
+    inclinometer: Inclinometer = Inclinometer()
+    compass: Compass = Compass()
+    altimeter: Altimeter = Altimeter()
+    weather: Weather = Weather()
+    camera: CameraOptics = CameraOptics()
+
+
+def load_scenario(path: Path | None) -> Scenario:
+    """Read a scenario from a TOML file; the realistic defaults without one.
+
+    Raises:
+        SimulationError: the file cannot be read, is no TOML, or has a key or value that a scenario does not
+        have.
+    """
+    if path is None:
+        return Scenario()
+    try:
+        with path.open("rb") as file:
+            content = tomllib.load(file)
+    except OSError as error:
+        raise SimulationError(
+            f"scenario {path}: {error.strerror or error}; name a readable TOML file"
+        ) from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise SimulationError(f"scenario {path}: not valid TOML: {error}") from error
+    try:
+        return Scenario.model_validate(content)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        what = "unknown key" if first["type"] == "extra_forbidden" else first["msg"]
+        raise SimulationError(
+            f"scenario {path}: {where}: {what}; see configs/scenarios/default.toml"
+        ) from error

@@ -1,0 +1,178 @@
+"""The simulator's own reading of a digital elevation model."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import rasterio
+import rasterio.errors
+from affine import Affine
+from numpy.typing import NDArray
+from pyproj import CRS, Transformer
+from pyproj.exceptions import CRSError
+
+from sim.errors import SimulationError
+
+FEET = {
+    "ft": 0.3048,
+    "foot": 0.3048,
+    "feet": 0.3048,
+    "us survey foot": 1200.0 / 3937.0,
+    "us-ft": 1200.0 / 3937.0,
+}
+METRES = {"", "m", "metre", "metres", "meter", "meters"}
+ALIGNMENT_TOLERANCE_CELLS = 0.01  # adjoining files must lie on one lattice
+
+
+@dataclass(frozen=True)
+class Terrain:
+    """Elevations on a lattice; rows count southwards, cell centres are at whole numbers of (row, col)."""
+
+    name: str
+    height_m: NDArray[np.float32]  # (rows, cols); NaN where the file has none
+    transform: Affine  # (col, row), cell centres at whole numbers, to the CRS's x, y
+    crs: CRS
+    metric_crs: CRS  # the DEM's own where that is projected in metres, else the UTM zone of its centre
+    _to_wgs84: Transformer
+    _from_wgs84: Transformer
+    _wgs84_to_metric: Transformer
+
+    def lonlat_deg(
+        self, row: NDArray[np.float64] | float, col: NDArray[np.float64] | float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """WGS84 longitude and latitude of lattice positions."""
+        lon, lat = self._to_wgs84.transform(*_apply(self.transform, np.asarray(col), np.asarray(row)))
+        return np.asarray(lon), np.asarray(lat)
+
+    def row_col(
+        self, lon_deg: NDArray[np.float64] | float, lat_deg: NDArray[np.float64] | float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Lattice position of WGS84 longitudes and latitudes."""
+        x, y = self._from_wgs84.transform(lon_deg, lat_deg)
+        col, row = _apply(~self.transform, np.asarray(x), np.asarray(y))
+        return row, col
+
+    def easting_northing_m(self, row: float, col: float) -> tuple[float, float]:
+        """Position in ``metric_crs`` of a lattice position."""
+        if self.metric_crs == self.crs:
+            x, y = _apply(self.transform, np.asarray(col), np.asarray(row))
+            return float(x), float(y)
+        easting, northing = self._wgs84_to_metric.transform(*self.lonlat_deg(row, col))
+        return float(easting), float(northing)
+
+    def cell_size_m(self) -> tuple[float, float]:
+        """Extent of the middle cell southwards and eastwards, metres."""
+        row, col = (np.array(self.height_m.shape) - 1) / 2.0
+        lon, lat = self.lonlat_deg(np.array([row, row + 1, row]), np.array([col, col, col + 1]))
+        metric = np.column_stack(self._wgs84_to_metric.transform(lon, lat))
+        return float(np.linalg.norm(metric[1] - metric[0])), float(np.linalg.norm(metric[2] - metric[0]))
+
+
+def read_terrain(paths: Sequence[Path]) -> Terrain:
+    """Read one raster, or several adjoining ones on one lattice, as one terrain.
+
+    Raises:
+        SimulationError: a file is no raster, has no CRS, holds voids only, or does not adjoin the first.
+    """
+    if not paths:
+        raise SimulationError("no DEM given; name one with --dem FILE")
+    tiles = [_read_tile(path) for path in paths]
+    height_m, transform, crs = tiles[0] if len(tiles) == 1 else _mosaic(paths, tiles)
+    to_wgs84 = Transformer.from_crs(crs, "EPSG:4326", always_xy=True)
+    middle_row, middle_col = (np.array(height_m.shape) - 1.0) / 2.0
+    middle = to_wgs84.transform(*_apply(transform, middle_col, middle_row))
+    metric_crs = crs if _is_metric(crs) else _utm_of(*middle)
+    return Terrain(
+        name=", ".join(path.name for path in paths),
+        height_m=height_m,
+        transform=transform,
+        crs=crs,
+        metric_crs=metric_crs,
+        _to_wgs84=to_wgs84,
+        _from_wgs84=Transformer.from_crs("EPSG:4326", crs, always_xy=True),
+        _wgs84_to_metric=Transformer.from_crs("EPSG:4326", metric_crs, always_xy=True),
+    )
+
+
+def crs_name(crs: CRS) -> str:
+    """``EPSG:n`` where there is such a code, else the CRS in WKT."""
+    authority = crs.to_authority()
+    return ":".join(authority) if authority else str(crs.to_wkt())
+
+
+def _read_tile(path: Path) -> tuple[NDArray[np.float32], Affine, CRS]:
+    try:
+        with rasterio.open(path) as dataset:
+            if dataset.crs is None:
+                raise SimulationError(
+                    f"DEM {path}: the file names no CRS; add one, for example with gdal_edit"
+                )
+            band = dataset.read(1, masked=True)
+            height_m = np.where(np.ma.getmaskarray(band), np.nan, band.data).astype(np.float64)
+            height_m *= _metres_per_unit(path, dataset.units[0])
+            transform, crs = (
+                dataset.transform @ Affine.translation(0.5, 0.5),
+                CRS.from_wkt(dataset.crs.to_wkt()),
+            )
+    except (rasterio.errors.RasterioError, CRSError) as error:
+        raise SimulationError(f"DEM {path}: {error}; name a raster that GDAL reads") from error
+    if not np.isfinite(height_m).any():
+        raise SimulationError(f"DEM {path}: holds nothing but voids; name another file")
+    return height_m.astype(np.float32), transform, crs
+
+
+def _metres_per_unit(path: Path, unit: str | None) -> float:
+    name = (unit or "").strip().lower()
+    if name in METRES:
+        return 1.0
+    if name in FEET:
+        return FEET[name]
+    raise SimulationError(f"DEM {path}: unknown vertical unit {unit!r}; convert the file to metres")
+
+
+def _mosaic(
+    paths: Sequence[Path], tiles: list[tuple[NDArray[np.float32], Affine, CRS]]
+) -> tuple[NDArray[np.float32], Affine, CRS]:
+    """Paste the tiles onto the first one's lattice, extended to hold them all."""
+    _, transform, crs = tiles[0]
+    corners = []
+    for path, (height_m, tile_transform, tile_crs) in zip(paths, tiles, strict=True):
+        col, row = _apply(~transform, np.asarray(tile_transform.c), np.asarray(tile_transform.f))
+        corner = np.array([round(float(row)), round(float(col))])
+        same_step = np.allclose(
+            [tile_transform.a, tile_transform.b, tile_transform.d, tile_transform.e],
+            [transform.a, transform.b, transform.d, transform.e],
+            rtol=ALIGNMENT_TOLERANCE_CELLS / max(height_m.shape),
+            atol=0.0,
+        )
+        aligned = np.abs(corner - (row, col)).max() <= ALIGNMENT_TOLERANCE_CELLS
+        if tile_crs != crs or not same_step or not aligned:
+            raise SimulationError(
+                f"DEM {path}: not on the lattice of {paths[0]}; resample it to that file's grid"
+            )
+        corners.append(corner)
+    north_west = np.min(corners, axis=0)
+    south_east = np.max([c + np.array(t[0].shape) for c, t in zip(corners, tiles, strict=True)], axis=0)
+    whole = np.full(south_east - north_west, np.nan, dtype=np.float32)
+    for corner, (height_m, _, _) in zip(corners, tiles, strict=True):
+        row, col = corner - north_west
+        part = whole[row : row + height_m.shape[0], col : col + height_m.shape[1]]
+        part[:] = np.where(np.isnan(part), height_m, part)
+    return whole, transform @ Affine.translation(float(north_west[1]), float(north_west[0])), crs
+
+
+def _apply(
+    transform: Affine, first: NDArray[np.float64], second: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    t = transform
+    return t.a * first + t.b * second + t.c, t.d * first + t.e * second + t.f
+
+
+def _is_metric(crs: CRS) -> bool:
+    return bool(crs.is_projected) and all(axis.unit_name in ("metre", "meter") for axis in crs.axis_info[:2])
+
+
+def _utm_of(lon_deg: float, lat_deg: float) -> CRS:
+    zone = int((lon_deg + 180.0) // 6.0) % 60 + 1
+    return CRS.from_epsg((32600 if lat_deg >= 0.0 else 32700) + zone)
