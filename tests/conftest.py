@@ -1,0 +1,20 @@
+"""Fixtures that all tests share."""
+
+import os
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+
+# How long one example takes says more about the machine's other work than about the code.
+settings.register_profile("unhurried", deadline=None)
+settings.load_profile("unhurried")
+
+
+@pytest.fixture(scope="session")
+def skyfix_data() -> Path:
+    """The folder with terrain and pictures that are too large or not free enough to ship."""
+    folder = os.environ.get("SKYFIX_DATA")
+    if not folder:
+        pytest.skip("SKYFIX_DATA is not set: it names the folder with the terrain that does not ship")
+    return Path(folder)
