@@ -49,7 +49,8 @@ def test_it_is_the_horizon_through_the_lens(
     inside = (u > -30.0) & (u < 670.0) & (v > -60.0) & (v < 540.0)
     expected = np.interp(ALL_COLUMNS, u[inside], v[inside], left=np.nan, right=np.nan)
     found = np.isfinite(rows) & np.isfinite(expected)
-    np.testing.assert_allclose(rows[found], expected[found], atol=0.005)
+    # the reference is interpolated between azimuths, which cuts the corners of ridges
+    np.testing.assert_allclose(rows[found], expected[found], atol=0.02)
     well_inside = (expected > 0.0) & (expected < 479.0)
     assert np.isfinite(rows[well_inside]).all()
 
