@@ -24,6 +24,26 @@ class FrameDetail:
     """(m,) columns of the terrain's horizon as seen from the fix; empty when there is no fix."""
     predicted_v_px: NDArray[np.float64]
     """(m,) its row there; may lie outside the image."""
+    errors_deg: tuple[float, float, float] | None = None
+    """Of azimuth, tilt and roll, this frame's own beside the biases, reading minus truth; None where not solved for."""
+
+
+@dataclass(frozen=True)
+class SolvedErrors:
+    """What the search found out about the errors while it solved for the place."""
+
+    altitude_m: float
+    """Of the optical centre, as solved for."""
+    dem_error_m: float
+    """Of the ridges' elevations, one standard deviation."""
+    correlation_columns: float
+    """So many neighbouring columns are worth one independent one."""
+    inlier_share: float
+    """Share of the columns within three standard deviations."""
+    prior_chi2: float
+    """Sum of the squared deviations of all readings, each in its own standard deviations."""
+    evidence: float
+    """Logarithm of how much better than chance the terrain explains the skylines."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +57,10 @@ class LocateDetails:
     first "altitude", then the frames' labels as they were searched."""
     candidates_rowcol: NDArray[np.float64]
     """(k, 2) row and col of the fix's candidates, in the fix's order."""
+    candidate_covariances_m2: NDArray[np.float64]
+    """(k, 2, 2) of their easting and northing in the DEM's metric CRS; the first is the fix's own."""
+    errors: SolvedErrors | None
+    """At the best place; None where there is none."""
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from localizer.bundle import Bundle, frame_image
 from localizer.camera import camera_to_world, project
 from localizer.dem import Dem
-from localizer.details import FrameDetail, LocateDetails, LocateResult
+from localizer.details import FrameDetail, LocateDetails, LocateResult, SolvedErrors
 from localizer.fix import Candidate, Fix, Nuisance, Position, Stage1Counts
 from localizer.geodesy import enu_to_metric_jacobian, lonlat_to_rowcol, rowcol_to_lonlat, rowcol_to_metric
 from localizer.horizon.from_image import CONFIDENT, ColumnState, Skyline, find_skyline
@@ -349,8 +349,7 @@ def fix_of(
             row=best.row,
             col=best.col,
         )
-        turn = enu_to_metric_jacobian(dem, best.row, best.col)
-        c = turn @ best.covariance_enu_m2 @ turn.T
+        c = _metric_covariance(terrain, best)
         covariance = ((float(c[0, 0]), float(c[0, 1])), (float(c[1, 0]), float(c[1, 1])))
         nuisance = Nuisance(
             azimuth_bias_deg=best.azimuth_bias_deg,
@@ -394,7 +393,8 @@ def _details(
     for frame, skyline in zip(observation.frames, skylines, strict=True):
         found = np.isfinite(skyline.row_px)
         u = v = np.zeros(0)
-        own = next(errors, np.zeros(3)) if len(frame.u_px) > 1 else np.zeros(3)
+        solved = best is not None and len(frame.u_px) > 1
+        own = next(errors) if solved else np.zeros(3)
         if best is not None:
             attitude = (
                 frame.azimuth_deg - best.azimuth_bias_deg - own[0],
@@ -415,7 +415,32 @@ def _details(
                 used=_usable(skyline)[found],
                 predicted_u_px=u,
                 predicted_v_px=v,
+                errors_deg=(float(own[0]), float(own[1]), float(own[2])) if solved else None,
             )
         )
-    rowcol = np.array([[c.row, c.col] for c in located.decision.candidates]).reshape(-1, 2)
-    return LocateDetails(tuple(frames), located.stage1.survivors, rowcol)
+    # the best one has been refined once more, with all columns
+    candidates = [best, *located.decision.candidates[1:]] if best is not None else []
+    return LocateDetails(
+        tuple(frames),
+        located.stage1.survivors,
+        np.array([[c.row, c.col] for c in candidates]).reshape(-1, 2),
+        np.array([_metric_covariance(terrain, c) for c in candidates]).reshape(-1, 2, 2),
+        None if best is None else _solved_errors(best),
+    )
+
+
+def _metric_covariance(terrain: Terrain, refined: Refined) -> Floats:
+    """(2, 2) of easting and northing."""
+    turn = enu_to_metric_jacobian(terrain.dem, refined.row, refined.col)
+    return np.asarray(turn @ refined.covariance_enu_m2 @ turn.T)
+
+
+def _solved_errors(best: Refined) -> SolvedErrors:
+    return SolvedErrors(
+        altitude_m=best.altitude_m,
+        dem_error_m=best.dem_error_m,
+        correlation_columns=best.correlation_columns,
+        inlier_share=best.inlier_share,
+        prior_chi2=best.prior_chi2,
+        evidence=best.evidence,
+    )

@@ -202,7 +202,10 @@ def a_result(status):
         FrameDetail(label, u_px, np.full(16, 5.5), u_px < 12, u_px, np.full(16, 5.0)) for label in ("N", "E")
     )
     survivors = {name: np.argwhere(np.ones((n, 2))) for name, n in (("altitude", 20), ("E", 5), ("N", 2))}
-    return LocateResult(fix, LocateDetails(frames, survivors, np.array([[19.4, 9.8]])))
+    return LocateResult(
+        fix,
+        LocateDetails(frames, survivors, np.array([[19.4, 9.8]]), np.array([[[9.0, 0.0], [0.0, 4.0]]]), None),
+    )
 
 
 @pytest.fixture

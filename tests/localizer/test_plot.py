@@ -74,7 +74,10 @@ def result_at(dem, status, row, col, labels):
     survivors = {"altitude": around[far < 12]} | {
         label: around[far < 9 / (i + 1)] for i, label in enumerate(labels)
     }
-    return LocateResult(fix, LocateDetails(frames, survivors, np.array([[row, col]])))
+    return LocateResult(
+        fix,
+        LocateDetails(frames, survivors, np.array([[row, col]]), np.array([[[25.0, 8.0], [8.0, 9.0]]]), None),
+    )
 
 
 @pytest.mark.parametrize(
@@ -99,7 +102,7 @@ def test_without_a_truth_and_without_survivors_there_is_still_a_picture(tmp_path
     dem = terrain(32610)
     result = result_at(dem, "none", 30.0, 40.0, "N")
     nothing = {name: np.zeros((0, 2), np.int64) for name in ("altitude", "N")}
-    details = LocateDetails(result.details.frames, nothing, np.zeros((0, 2)))
+    details = LocateDetails(result.details.frames, nothing, np.zeros((0, 2)), np.zeros((0, 2, 2)), None)
     path = tmp_path / "none.svg"
     draw_fix(path, {"N": np.zeros((48, 64, 3), np.uint8)}, LocateResult(result.fix, details), dem)
     assert "<svg" in path.read_text()
