@@ -97,23 +97,45 @@ def sim() -> None:
 
 @sim.command("run")
 @_world_options
+@click.option(
+    "--faults",
+    "faults_path",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="TOML or JSON script of what goes wrong when (docs/faults.md).",
+)
 @click.argument("command", metavar="-- COMMAND...", nargs=-1, required=True, type=click.UNPROCESSED)
 @_one_line_failures
-def run_(dem_paths: tuple[Path, ...], seed: int, scenario_path: Path | None, command: tuple[str, ...]) -> int:
+def run_(
+    dem_paths: tuple[Path, ...],
+    seed: int,
+    scenario_path: Path | None,
+    faults_path: Path | None,
+    command: tuple[str, ...],
+) -> int:
     """Run COMMAND with a simulated rig.
 
     COMMAND finds the rig's configuration in SKYFIX_CONFIG and, for tests only, the truth in SKYFIX_TRUTH. The
     exit status is COMMAND's.
 
-    Example: sim run --seed 7 -- rig capture --out bundles
+    \b
+    Examples:
+      sim run --seed 7 -- rig capture --out bundles
+      sim run --faults faults.toml -- rig capture
     """
     find_command(command[0])
+    from sim.faults.script import load_faults
+
+    faults = load_faults(faults_path) if faults_path else ()
     world = _make_world(dem_paths, seed, scenario_path)
 
     from sim.launcher import simulated_rig
 
-    with simulated_rig(world) as rig:
-        return run_command(command, rig.environment)
+    def say(what: str) -> None:
+        click.echo(f"sim: {what}", err=True)
+
+    with simulated_rig(world, faults=faults, say=say) as rig:
+        return run_command(command, rig.environment, rig.stage.command_started)
 
 
 @sim.command()

@@ -6,7 +6,7 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import FrameType
 
@@ -32,11 +32,14 @@ def find_command(name: str) -> str:
     return found
 
 
-def run_command(command: Sequence[str], environment: Mapping[str, str]) -> int:
+def run_command(
+    command: Sequence[str], environment: Mapping[str, str], started: Callable[[int], None] = lambda pid: None
+) -> int:
     """Run ``command`` with ``environment`` added to the present one, and wait for it.
 
     It gets a process group of its own, in the foreground of the terminal if there is one: Ctrl-C reaches it once,
     and what is sent to this process is passed on to it. Returns its exit status, 128 + n if signal n ended it.
+    ``started`` is told its process id.
 
     Raises:
         SimulationError: the command cannot be started.
@@ -49,6 +52,7 @@ def run_command(command: Sequence[str], environment: Mapping[str, str]) -> int:
         except OSError as error:
             raise SimulationError(f"command {command[0]!r} cannot be started: {error.strerror}") from error
         kept.hand_to(process.pid)
+        started(process.pid)
         with _foreground(process.pid):
             status = process.wait()
     return status if status >= 0 else 128 - status

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sim.devices.adxl355 import Adxl355
 from sim.devices.bmp3 import Bmp3
-from sim.devices.i2c_chip import I2cChip
+from sim.devices.i2c_chip import PoweredChip
 from sim.devices.iis2iclx import Iis2iclx
 from sim.devices.mmc5983ma import Mmc5983ma
 from sim.devices.ms5611 import Ms5611
@@ -37,14 +37,14 @@ MOUNTING = {"adxl355": ("+y", "-x", "+z"), "iis2iclx": ("-x", "-y", "+z"), "mmc5
 class FittedChip:
     """A chip, the bus that it hangs on, and its keys in the rig configuration but for ``bus``."""
 
-    chip: I2cChip
+    chip: PoweredChip
     bus: int
     keys: dict[str, Any]
 
 
 @dataclass(frozen=True)
 class FittedTalker:
-    """A talker that already talks, and its keys in the rig configuration."""
+    """A talker that already talks, and its keys in the rig configuration but for ``port``."""
 
     talker: Talker
     keys: dict[str, Any]
@@ -129,7 +129,7 @@ def _compass_talker(world: World, head: HeadNow, rng: np.random.Generator) -> Fi
         )
 
     talker = Talker(message, rate_hz=COMPASS_RATE_HZ, baud=TALKER_BAUD)
-    return FittedTalker(talker, {"kind": "nmea", "port": talker.path, "baud": TALKER_BAUD})
+    return FittedTalker(talker, {"kind": "nmea", "baud": TALKER_BAUD})
 
 
 def altimeter(world: World, clock: Clock) -> FittedChip | FittedTalker:
@@ -153,9 +153,9 @@ def altimeter(world: World, clock: Clock) -> FittedChip | FittedTalker:
             baud=TALKER_BAUD,
         )
         kind = wanted.kind if wanted.kind == "vaisala-pa50" else "nmea"
-        return FittedTalker(talker, {"kind": kind, "port": talker.path, "baud": TALKER_BAUD})
+        return FittedTalker(talker, {"kind": kind, "baud": TALKER_BAUD})
     noise_pa = 100.0 * wanted.noise_hpa
-    chip: I2cChip
+    chip: PoweredChip
     if wanted.kind == "ms5611":
         chip = Ms5611(pressure_pa, chip_temperature_c, clock=clock, rng=rng, noise_pa=noise_pa)
     else:

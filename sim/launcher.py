@@ -4,7 +4,7 @@ import json
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,6 +21,9 @@ from sim.devices.servo import GearTrain, Servo
 from sim.devices.servo_bus import ServoBus
 from sim.devices.talkers import Talker
 from sim.devices.x_series import BAUD_RATES, MODELS
+from sim.faults.chip import FaultyChip
+from sim.faults.player import Stage, playing
+from sim.faults.script import Fault
 from sim.fitted_sensors import FittedChip, FittedTalker
 from sim.mechanics import JointState
 from sim.panorama import render_panorama
@@ -73,22 +76,32 @@ class SimulatedRig:
     i2c: I2cBridge
     camera: CameraStream
     talkers: tuple[Talker, ...]
+    stage: Stage
+    clock_steps: bool
 
     @property
     def environment(self) -> dict[str, str]:
-        """The environment variables of the contract."""
-        return {"SKYFIX_CONFIG": str(self.config_path), "SKYFIX_TRUTH": str(self.truth_path)}
+        """The environment variables of the contract, and the wall clock's where a fault steps it."""
+        paths = {"SKYFIX_CONFIG": self.config_path, "SKYFIX_TRUTH": self.truth_path}
+        if self.clock_steps:
+            paths["SKYFIX_CLOCK_OFFSET"] = self.stage.clock_file
+        return {name: str(path) for name, path in paths.items()}
 
 
 @contextmanager
 def simulated_rig(
-    world: World, *, picture: Picture | None = None, bundle_dir: Path | None = None
+    world: World,
+    *,
+    picture: Picture | None = None,
+    bundle_dir: Path | None = None,
+    faults: Sequence[Fault] = (),
+    say: Callable[[str], None] = lambda what: None,
 ) -> Iterator[SimulatedRig]:
     """Run the devices of ``world`` while the context lasts.
 
     ``picture`` draws what the camera sees from its axes in east, north, up (3, 3): (height, width, 3), BGR; the
     world's terrain and sky unless given. ``bundle_dir`` is where the rig puts bundles when not told otherwise:
-    ``bundles`` in the current folder.
+    ``bundles`` in the current folder. ``faults`` are played, and ``say`` hears when.
     """
     picture = picture or Renderer(world, render_panorama(world)).frame
     start_s = time.monotonic()
@@ -107,8 +120,10 @@ def simulated_rig(
     with ExitStack() as running:
         folder = Path(running.enter_context(tempfile.TemporaryDirectory(prefix="skyfix-sim-")))
 
+        by_id = folder / "serial" / "by-id"
         servo_port = PtyPort()
         running.callback(servo_port.close)
+        servo_port.keep_name(by_id / "usb-servo-bus-if00-port0")
         servo_bus = ServoBus([pan, tilt])
         servo_bus.serve(servo_port)
 
@@ -117,19 +132,46 @@ def simulated_rig(
             "compass": fitted_sensors.compass(world, head, clock),
             "altimeter": fitted_sensors.altimeter(world, clock),
         }
-        talkers = tuple(fitted.talker for fitted in others.values() if isinstance(fitted, FittedTalker))
-        for talker in talkers:
+        talkers = {name: fitted.talker for name, fitted in others.items() if isinstance(fitted, FittedTalker)}
+        for name, talker in talkers.items():
             running.callback(talker.close)
-        chips = [fitted for fitted in (inclinometer, *others.values()) if isinstance(fitted, FittedChip)]
-        i2c = I2cBridge({bus: [c.chip for c in chips if c.bus == bus] for bus in {c.bus for c in chips}})
+            talker.port.keep_name(by_id / f"usb-{name}-if00-port0")
+        chips = {
+            name: (fitted.bus, FaultyChip(fitted.chip, world.rng(f"{name} faults")))
+            for name, fitted in {"inclinometer": inclinometer, **others}.items()
+            if isinstance(fitted, FittedChip)
+        }
+        buses = {bus for bus, _ in chips.values()}
+        i2c = I2cBridge({number: [chip for bus, chip in chips.values() if bus == number] for number in buses})
         running.callback(i2c.close)
 
         camera = _camera(world, head, picture)
         running.callback(camera.close)
 
         def keys(fitted: FittedChip | FittedTalker) -> dict[str, Any]:
-            return fitted.keys | ({"bus": i2c.url(fitted.bus)} if isinstance(fitted, FittedChip) else {})
+            where = (
+                {"bus": i2c.url(fitted.bus)}
+                if isinstance(fitted, FittedChip)
+                else {"port": fitted.talker.path}
+            )
+            return fitted.keys | where
 
+        bundle_dir = (bundle_dir or Path.cwd() / "bundles").absolute()
+        stage = Stage(
+            servo_port,
+            servo_bus,
+            {"pan": pan, "tilt": tilt},
+            {name: chip for name, (_, chip) in chips.items()} | talkers,
+            camera,
+            folder / "clock-offset-s",
+            folder / "bundles",
+            bundle_dir,
+            world.rng("faults"),
+        )
+        if any(fault.device == "disk" for fault in faults):
+            bundle_dir.mkdir(parents=True, exist_ok=True)
+            stage.bundle_link.symlink_to(bundle_dir)
+            bundle_dir = stage.bundle_link  # so that another disk can be put in its place
         config_path, truth_path = folder / "rig.toml", folder / "truth.json"
         config = rig_config(
             world,
@@ -139,11 +181,23 @@ def simulated_rig(
             compass=keys(others["compass"]),
             altimeter=keys(others["altimeter"]),
             camera_source=camera.url,
-            bundle_dir=bundle_dir or Path.cwd() / "bundles",
+            bundle_dir=bundle_dir,
         )
         config_path.write_text(config, encoding="utf-8")
         truth_path.write_text(json.dumps(world.truth_json(), indent=2), encoding="utf-8")
-        yield SimulatedRig(config_path, truth_path, pan, tilt, servo_bus, i2c, camera, talkers)
+        running.enter_context(playing(stage, faults, say))
+        yield SimulatedRig(
+            config_path,
+            truth_path,
+            pan,
+            tilt,
+            servo_bus,
+            i2c,
+            camera,
+            tuple(talkers.values()),
+            stage,
+            clock_steps=any(fault.device == "clock" for fault in faults),
+        )
 
 
 def _model_name(world: World, joint: Joint) -> str:

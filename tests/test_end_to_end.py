@@ -200,7 +200,7 @@ class TestBadRigs:
         ("pattern", "instead", "words"),
         [
             (r"mast_height_m = .*", "mast_heigth_m = 2.0", ["[rig] mast_heigth_m", "unknown key"]),
-            (r'port = "/dev/pts/\d+"', 'port = "/dev/ttyNOSUCH"', ["/dev/ttyNOSUCH"]),
+            (r'port = "[^"]*servo[^"]*"', 'port = "/dev/ttyNOSUCH"', ["/dev/ttyNOSUCH"]),
             (r'kind = "bmp390"', 'kind = "bmp388"', ["BMP388", "0x60"]),
             (r'model = "XM430-W350"', 'model = "XL430-W250"', ["XL430-W250", "XM430-W350"]),
             (r"address = 29", "address = 83", ["0x53"]),

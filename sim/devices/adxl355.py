@@ -55,6 +55,10 @@ class Adxl355(RegisterChip):
         self._reset()
         self._busy_until_s = clock()
 
+    def power_cycle(self) -> None:
+        """Begin anew, as after a drop of the supply voltage."""
+        self._reset()
+
     def _reset(self) -> None:
         self._registers = dict(DEFAULTS)
         self._data = bytes(9)

@@ -104,6 +104,10 @@ class Bmp3(RegisterChip):
         self._noise_pa = noise_pa
         self._reset()
 
+    def power_cycle(self) -> None:
+        """Begin anew, as after a drop of the supply voltage."""
+        self._reset()
+
     def _reset(self) -> None:
         self._registers = dict(DEFAULTS)
         self._raw_pressure = self._raw_temperature = NOTHING_YET

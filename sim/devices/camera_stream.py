@@ -17,15 +17,20 @@ BOUNDARY = "frame"
 
 
 class CameraStream:
-    """Serves ``frame()`` (height, width, 3; BGR) at ``rate_hz`` to whoever connects; idle while nobody does."""
+    """Serves ``frame()`` (height, width, 3; BGR) at ``rate_hz`` to whoever connects; idle while nobody does.
+
+    ``alter`` may change a picture before it is sent, or hold it back (None).
+    """
 
     def __init__(
         self, frame: Callable[[], NDArray[np.uint8]], *, rate_hz: float = 10.0, jpeg_quality: int = 95
     ) -> None:
         self._frame = frame
+        self.alter: Callable[[NDArray[np.uint8]], NDArray[np.uint8] | None] = lambda picture: picture
         self._period_s = 1.0 / rate_hz
         self._jpeg_quality = jpeg_quality
         self._closing = threading.Event()
+        self._absent = threading.Event()
         self._connections: set[socket.socket] = set()
         self._server = ThreadingHTTPServer(("127.0.0.1", 0), self._handler())
         self._server.daemon_threads = False  # so that close() waits for the streams to end
@@ -45,18 +50,29 @@ class CameraStream:
             return
         self._closing.set()
         self._server.shutdown()
+        self._end_streams()
+        self._server.server_close()
+        self._thread.join()
+
+    def disconnect(self, absent: bool) -> None:
+        """End all streams and refuse new ones, or accept them again."""
+        if absent:
+            self._absent.set()
+            self._end_streams()
+        else:
+            self._absent.clear()
+
+    def _end_streams(self) -> None:
         for connection in list(self._connections):
             with contextlib.suppress(OSError):
                 connection.shutdown(socket.SHUT_RDWR)
-        self._server.server_close()
-        self._thread.join()
 
     def _handler(self) -> type[BaseHTTPRequestHandler]:
         stream = self
 
         class Handler(BaseHTTPRequestHandler):
             def do_GET(self) -> None:
-                if self.path != PATH:
+                if self.path != PATH or stream._absent.is_set():
                     self.send_error(HTTPStatus.NOT_FOUND)
                     return
                 self.send_response(HTTPStatus.OK)
@@ -75,9 +91,11 @@ class CameraStream:
     def _send_frames(self, write: Callable[[bytes], object]) -> None:
         due_s = time.monotonic()
         while not self._closing.is_set():
-            ok, jpeg = cv2.imencode(".jpg", self._frame(), [cv2.IMWRITE_JPEG_QUALITY, self._jpeg_quality])
-            assert ok
-            head = f"--{BOUNDARY}\r\nContent-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n"
-            write(head.encode("ascii") + jpeg.tobytes() + b"\r\n")
+            picture = self.alter(self._frame())
+            if picture is not None:
+                ok, jpeg = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, self._jpeg_quality])
+                assert ok
+                head = f"--{BOUNDARY}\r\nContent-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n"
+                write(head.encode("ascii") + jpeg.tobytes() + b"\r\n")
             due_s = max(due_s + self._period_s, time.monotonic())
             self._closing.wait(due_s - time.monotonic())

@@ -14,6 +14,14 @@ class I2cChip(Protocol):
         ...
 
 
+class PoweredChip(I2cChip, Protocol):
+    """A chip whose power can fail for a moment."""
+
+    def power_cycle(self) -> None:
+        """Begin anew: configuration and measurements are lost."""
+        ...
+
+
 class RegisterChip(ABC):
     """A register file: the first byte written is the register, further ones go there and onwards.
 

@@ -43,6 +43,10 @@ class Iis2iclx(RegisterChip):
         self._busy_until_s = clock()
         self._reset()
 
+    def power_cycle(self) -> None:
+        """Begin anew, as after a drop of the supply voltage."""
+        self._reset()
+
     def _reset(self) -> None:
         self._registers = {CTRL3_C: AUTO_INCREMENT}
         self._latest = bytes(4)

@@ -53,6 +53,10 @@ class Mmc5983ma(RegisterChip):
         self._reset()
         self._deaf_until_s = clock()
 
+    def power_cycle(self) -> None:
+        """Begin anew, as after a drop of the supply voltage."""
+        self._reset()
+
     def _reset(self) -> None:
         self._control = [0, 0, 0, 0]
         self._polarity = 1.0

@@ -87,6 +87,10 @@ class Ms5611:
         answer, self._answer = self._answer, b""
         return (answer + bytes(read_length))[:read_length]
 
+    def power_cycle(self) -> None:
+        """Begin anew, as after a drop of the supply voltage."""
+        self._command(RESET)
+
     def _command(self, command: int) -> None:
         if command == RESET:
             self._converted = 0

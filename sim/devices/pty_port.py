@@ -9,6 +9,7 @@ import termios
 import threading
 import tty
 from collections.abc import Callable
+from pathlib import Path
 
 READ_SIZE = 4096
 STALE_BYTES = 2048
@@ -22,69 +23,130 @@ _BAUD_OF_SPEED = {
     )
 }
 
+Device = Callable[[bytes], bytes]
+
 
 class PtyPort:
     """A pseudo-terminal. ``path`` is what the program under test opens in place of /dev/ttyUSB0.
 
-    Closing the port while the program has it open looks like a USB adapter that was pulled out (EIO).
+    Closing or unplugging the port while the program has it open looks like a USB adapter that was pulled out
+    (EIO). Plugged in again it is another terminal; a name that lasts, as those of /dev/serial/by-id, is given by
+    ``keep_name``.
     """
 
     def __init__(self) -> None:
-        self._device_end, self._program_end = os.openpty()
-        tty.setraw(self._device_end)
-        tty.setraw(self._program_end)
-        os.set_blocking(self._device_end, False)
-        self.path = os.ttyname(self._program_end)
-        self._wake_reader, self._wake_writer = os.pipe()
+        self._lock = threading.Lock()
+        self._ends: tuple[int, int] | None = None  # the device's, the program's
+        self._device: Device | None = None
         self._thread: threading.Thread | None = None
-        self._sending = threading.Lock()
+        self._link: Path | None = None
         self._closed = False
+        self._terminal = ""
+        self._wake_reader, self._wake_writer = os.pipe()
+        self._open()
+
+    @property
+    def path(self) -> str:
+        """The lasting name where there is one, else that of the terminal."""
+        return str(self._link) if self._link else self._terminal
 
     @property
     def baud(self) -> int:
         """The rate that the program set on its end; 0 where it is none that a serial device has."""
-        return _BAUD_OF_SPEED.get(termios.tcgetattr(self._program_end)[5], 0)
+        with self._lock:
+            return _BAUD_OF_SPEED.get(termios.tcgetattr(self._ends[1])[5], 0) if self._ends else 0
 
-    def answer(self, device: Callable[[bytes], bytes]) -> None:
+    def keep_name(self, link: Path) -> None:
+        """Make ``link`` point at the terminal, whichever it is, while the port is plugged in."""
+        link.parent.mkdir(parents=True, exist_ok=True)
+        link.symlink_to(self._terminal)
+        self._link = link
+
+    def answer(self, device: Device) -> None:
         """Hand what arrives to ``device`` and send back what it returns, in a thread, until ``close``."""
-        self._thread = threading.Thread(target=self._serve, args=(device,), name=f"pty {self.path}")
-        self._thread.start()
+        self._device = device
+        self._start()
 
     def send(self, data: bytes) -> None:
         """Send without waiting. What does not fit into the line's buffer is lost, as on a wire."""
-        with self._sending:
-            if self._closed:
+        with self._lock:
+            if self._ends is None or not data:
                 return
-            if _unread_bytes(self._program_end) > STALE_BYTES:
-                termios.tcflush(self._program_end, termios.TCIFLUSH)
+            device_end, program_end = self._ends
+            if _unread_bytes(program_end) > STALE_BYTES:
+                termios.tcflush(program_end, termios.TCIFLUSH)
             with contextlib.suppress(BlockingIOError):
-                os.write(self._device_end, data)
+                os.write(device_end, data)
 
-    def close(self) -> None:
-        """Stop the thread and take the port away. May be called twice."""
-        with self._sending:
-            if self._closed:
-                return
-            self._closed = True
+    def unplug(self) -> None:
+        """Pull the adapter out: the terminal is gone, and its lasting name with it. Twice is no error."""
+        with self._lock:
+            ends, self._ends = self._ends, None
+        if ends is None:
+            return
+        if self._link:
+            self._link.unlink(missing_ok=True)
         os.write(self._wake_writer, b"x")
         if self._thread:
             self._thread.join()
-        for descriptor in (self._device_end, self._program_end, self._wake_reader, self._wake_writer):
-            os.close(descriptor)
+            self._thread = None
+        os.read(self._wake_reader, 1)
+        for end in ends:
+            os.close(end)
 
-    def _serve(self, device: Callable[[bytes], bytes]) -> None:
+    def plug_in(self) -> None:
+        """Plug the adapter in again, as another terminal under the same lasting name."""
+        self._open()
+        if self._link:
+            self._link.symlink_to(self._terminal)
+        if self._device:
+            self._start()
+
+    def close(self) -> None:
+        """Stop the thread and take the port away. May be called twice."""
+        if self._closed:
+            return
+        self._closed = True
+        self.unplug()
+        os.close(self._wake_reader)
+        os.close(self._wake_writer)
+
+    def _open(self) -> None:
+        ends = os.openpty()
+        if os.ttyname(ends[1]) == self._terminal:  # the system gives the lowest free number again
+            same, ends = ends, os.openpty()
+            for end in same:
+                os.close(end)
+        for end in ends:
+            tty.setraw(end)
+        os.set_blocking(ends[0], False)
+        self._terminal = os.ttyname(ends[1])
+        with self._lock:
+            self._ends = ends
+
+    def _start(self) -> None:
+        assert self._ends
+        assert self._device
+        self._thread = threading.Thread(
+            target=self._serve, args=(self._ends[0], self._device), name=f"pty {self._terminal}"
+        )
+        self._thread.start()
+
+    def _serve(self, device_end: int, device: Device) -> None:
         with selectors.DefaultSelector() as selector:
-            selector.register(self._device_end, selectors.EVENT_READ)
+            selector.register(device_end, selectors.EVENT_READ)
             selector.register(self._wake_reader, selectors.EVENT_READ)
-            while not self._closed:
+            while True:
                 ready = {key.fd for key, _ in selector.select()}
-                if self._device_end in ready and (reply := device(self._received())):
-                    self.send(reply)
+                if self._wake_reader in ready:
+                    return
+                self.send(device(_received(device_end)))
 
-    def _received(self) -> bytes:
-        with contextlib.suppress(BlockingIOError):  # the program flushed what it had sent
-            return os.read(self._device_end, READ_SIZE)
-        return b""
+
+def _received(descriptor: int) -> bytes:
+    with contextlib.suppress(BlockingIOError):  # the program flushed what it had sent
+        return os.read(descriptor, READ_SIZE)
+    return b""
 
 
 def _unread_bytes(descriptor: int) -> int:

@@ -64,7 +64,8 @@ class Servo:
     """A servo on the bus: give it instructions, ask for its shaft at any time, from any thread.
 
     Positions inside are ticks of the output shaft, drive mode and homing offset left aside. Faults are put in
-    through ``fail``, ``silent`` (a broken wire), ``supply_v`` and ``temperature_c``.
+    through ``fail``, ``block``, ``silent`` (a broken wire), ``false_alert``, ``gears``, ``supply_v`` and
+    ``temperature_c``.
     """
 
     def __init__(
@@ -82,11 +83,13 @@ class Servo:
     ) -> None:
         self.model = model
         self.silent = False
+        self.false_alert = False
         self.supply_v = supply_v
         self.temperature_c = temperature_c
         self._clock = clock
         self._rng = rng
-        self._gears = gears or GearTrain()
+        self.gears = gears or GearTrain()
+        self._blocked = False
         self._lock = threading.RLock()
         self._table = RegisterTable(model)
         self._table["id"] = servo_id
@@ -120,7 +123,7 @@ class Servo:
         """The alert bit of a status packet: set while there is a hardware error."""
         with self._lock:
             self._advance()
-            return ALERT if self._table["hardware_error_status"] else 0
+            return ALERT if self._table["hardware_error_status"] or self.false_alert else 0
 
     def shaft(self) -> tuple[float, bool]:
         """True position of the head on this shaft, degrees from tick 0; and whether it moves.
@@ -130,7 +133,7 @@ class Servo:
         with self._lock:
             now = self._advance()
             position, velocity = self._motion.at(now)
-            degrees = position * DEG_PER_TICK + self._pushed * self._gears.backlash_deg / 2
+            degrees = position * DEG_PER_TICK + self._pushed * self.gears.backlash_deg / 2
             return degrees + self._swing_deg(now), velocity != 0.0 or now < self._motion.end_s
 
     # -- instructions
@@ -188,6 +191,12 @@ class Servo:
             self._deaf_until_s = self._clock() + REBOOT_S
             return StatusError.NONE
 
+    def lose_power(self) -> None:
+        """The motor lets go at once; ``reboot`` is what follows when the power comes back."""
+        with self._lock:
+            self._advance()
+            self._release()
+
     def factory_reset(self, option: int, *, broadcast: bool) -> int:
         """All registers to their defaults: 0xFF all, 1 all but the id, 2 all but id and baud rate."""
         kept = {0xFF: (), 1: ("id",), 2: ("id", "baud_rate")}
@@ -203,6 +212,15 @@ class Servo:
             self._table["hardware_error_status"] |= bits
             if self._shut_down() and self._table["torque_enable"]:
                 self._release()
+
+    def block(self, blocked: bool) -> None:
+        """Put something in the shaft's way, where it is now, or take it away."""
+        with self._lock:
+            self._blocked = blocked
+            if blocked:
+                self._brake(self._advance())
+            elif self._table["torque_enable"]:
+                self._follow("goal_position")
 
     # -- rules of access
 
@@ -355,13 +373,15 @@ class Servo:
         self._motion = motion.turn(position, velocity, speed / DEG_PER_TICK, acceleration, now)
 
     def _move_to(self, goal: float) -> None:
+        if self._blocked:
+            return
         now = self._clock()
         position, velocity = self._motion.at(now)
         way_deg = abs(goal - position) * DEG_PER_TICK
         speed_deg_s, acceleration_deg_s2 = self._profile(way_deg)
         rest_at = goal
         if abs(goal - position) > 0.5:
-            rest_at += self._rng.normal() * self._gears.settle_sigma_deg / DEG_PER_TICK
+            rest_at += self._rng.normal() * self.gears.settle_sigma_deg / DEG_PER_TICK
             self._pushed = math.copysign(1.0, goal - position)
             self._stopped_from_deg_s = self._pushed * min(
                 speed_deg_s, math.sqrt(way_deg * acceleration_deg_s2)
@@ -401,11 +421,11 @@ class Servo:
 
     def _swing_deg(self, now: float) -> float:
         since_s = now - self._motion.end_s
-        if not self._gears.ring_deg or not 0.0 <= since_s < 12 * self._gears.ring_decay_s:
+        if not self.gears.ring_deg or not 0.0 <= since_s < 12 * self.gears.ring_decay_s:
             return 0.0
-        amplitude = self._gears.ring_deg * self._stopped_from_deg_s / 60.0
-        decay = math.exp(-since_s / self._gears.ring_decay_s)
-        return amplitude * decay * math.sin(2 * math.pi * self._gears.ring_hz * since_s)
+        amplitude = self.gears.ring_deg * self._stopped_from_deg_s / 60.0
+        decay = math.exp(-since_s / self.gears.ring_decay_s)
+        return amplitude * decay * math.sin(2 * math.pi * self.gears.ring_hz * since_s)
 
     def _measure(self) -> None:
         """Fill the registers that tell the present state."""
@@ -415,7 +435,7 @@ class Servo:
         speed_deg_s = self._sense * velocity * DEG_PER_TICK
         share_of_speed = speed_deg_s / self.model.speed_deg_s
         ongoing = bool(torque) and now < self._motion.end_s
-        reading = round(self._present(position) + self._rng.normal() * self._gears.encoder_sigma_ticks)
+        reading = round(self._present(position) + self._rng.normal() * self.gears.encoder_sigma_ticks)
         raw_velocity = round(speed_deg_s / VELOCITY_UNIT_DEG_S)
         effort = np.sign(velocity) * self._sense + share_of_speed
         drawn = round(effort * self.model.friction_current + self._rng.normal() * 1.5)

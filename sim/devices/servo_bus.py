@@ -1,5 +1,6 @@
 """A half-duplex Dynamixel bus on a pseudo-terminal: servos that hear instructions and answer in order."""
 
+import threading
 import time
 from collections.abc import Callable, Sequence
 
@@ -25,12 +26,14 @@ PING_LEVEL, READ_LEVEL, WRITE_LEVEL = 0, 1, 2
 class ServoBus:
     """The servos of one bus. ``reply`` is the behaviour, from bytes to bytes; ``serve`` puts it on a port.
 
-    ``on_wire`` stands for the cable: it may change, cut or drop what the servos answer.
+    ``on_wire`` stands for the cable: it may change, cut or drop what the servos answer. ``spoken_to`` is set once
+    a host has said something.
     """
 
     def __init__(self, servos: Sequence[Servo], *, on_wire: Callable[[bytes], bytes] = bytes) -> None:
         self.servos = list(servos)
         self.on_wire = on_wire
+        self.spoken_to = threading.Event()
         self._reader = RequestReader()
         self._heard_s = time.monotonic()
 
@@ -47,6 +50,7 @@ class ServoBus:
         return b"".join(self._answer(request, baud) for request in self._reader.feed(data))
 
     def _on_line(self, data: bytes, baud: int) -> bytes:
+        self.spoken_to.set()
         answer = self.reply(data, baud)
         if answer:
             time.sleep(max(servo.register("return_delay_time") for servo in self.servos) * 2e-6)

@@ -119,30 +119,32 @@ BAROMETERS: dict[str, Callable[[Air], bytes]] = {"xdr": xdr, "mda": mda, "vaisal
 class Talker:
     """Says ``message()`` on a port of its own, ``rate_hz`` times a second, until closed.
 
-    A listener that set another baud rate than ``baud`` receives garbage.
+    A listener that set another baud rate than ``baud`` receives garbage. ``on_wire`` stands for the cable: it may
+    change, cut or drop what is said.
     """
 
     def __init__(self, message: Callable[[], bytes], *, rate_hz: float, baud: int) -> None:
         self.baud = baud
+        self.on_wire: Callable[[bytes], bytes] = bytes
         self._message = message
         self._period_s = 1.0 / rate_hz
-        self._port = PtyPort()
+        self.port = PtyPort()
         self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._talk, name=f"talker {self._port.path}")
+        self._thread = threading.Thread(target=self._talk, name=f"talker {self.port.path}")
         self._thread.start()
 
     @property
     def path(self) -> str:
         """What a rig configuration names as the port."""
-        return self._port.path
+        return self.port.path
 
     def close(self) -> None:
         """Fall silent and take the port away. May be called twice."""
         self._stop.set()
         self._thread.join()
-        self._port.close()
+        self.port.close()
 
     def _talk(self) -> None:
         while not self._stop.wait(self._period_s):
-            data = self._message()
-            self._port.send(data if self._port.baud == self.baud else bytes(byte ^ 0xA5 for byte in data))
+            data = self.on_wire(self._message())
+            self.port.send(data if self.port.baud == self.baud else bytes(byte ^ 0xA5 for byte in data))
