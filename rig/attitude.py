@@ -4,6 +4,7 @@ An accelerometer at rest measures +1 g along the axis that points up. In the hea
 z up) that gives tilt = asin(y) and roll = atan2(-x, z).
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -11,6 +12,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.accelerometer import NO_CORRECTION, AccelerometerCorrection
 from rig.errors import DeviceError
 from rig.kinematics import Attitude, JointAngles, body_attitude, head_rotation
 
@@ -34,13 +36,16 @@ class Acceleration(Protocol):
     def y_g(self) -> float: ...
     @property
     def z_g(self) -> float | None: ...
+    @property
+    def temperature_c(self) -> float: ...
 
 
 @dataclass(frozen=True)
 class HeadLevel:
     """Tilt and roll of the head by the inclinometer over some seconds.
 
-    ``mean_g`` is the average in head axes; the noise is that of the average, from the scatter.
+    ``mean_g`` is the average in head axes as the chip gave it, tilt and roll are without its errors; the noise is that of
+    the average, from the scatter.
     """
 
     mean_g: tuple[float, float, float]
@@ -49,6 +54,7 @@ class HeadLevel:
     tilt_noise_deg: float
     roll_noise_deg: float
     samples: int
+    temperature_c: float | None = None
 
 
 @dataclass(frozen=True)
@@ -97,25 +103,30 @@ def in_axes(chip: Vector, axes: Sequence[str]) -> Vector:
     return np.asarray(chip[..., columns] * signs)
 
 
-def head_level(samples: Sequence[Acceleration], axes: Sequence[str], device: str) -> HeadLevel:
+def head_level(
+    samples: Sequence[Acceleration],
+    axes: Sequence[str],
+    device: str,
+    correction: AccelerometerCorrection = NO_CORRECTION,
+) -> HeadLevel:
     """Average of accelerometer samples, robust against a few taken while something shook the mast.
 
     A two-axis chip's missing z is what is left of 1 g. ``DeviceError`` where that cannot be gravity.
     """
     chip = np.array([[s.x_g, s.y_g, np.nan if s.z_g is None else s.z_g] for s in samples], float)
-    head = in_axes(chip, axes)
-    if np.isnan(head[:, 2]).any():
-        horizontal = head[:, 0] ** 2 + head[:, 1] ** 2
-        if (horizontal >= 1.0).any():
-            raise _not_gravity(device, float(np.sqrt(horizontal.max())))
-        head[:, 2] = np.sqrt(1.0 - horizontal)
-    means = np.array([group.mean(axis=0) for group in np.array_split(head, min(MEDIAN_GROUPS, len(head)))])
+    temperature_c = float(np.mean([s.temperature_c for s in samples]))
+    measured = in_axes(chip, axes)
+    head = correction.up_in_head(measured, temperature_c)
+    uncorrected = NO_CORRECTION.up_in_head(measured, temperature_c)
+    if np.isnan(head).any() or np.isnan(uncorrected).any():
+        raise _not_gravity(device, float(np.hypot(measured[:, 0], measured[:, 1]).max()))
+    means = _means(head)
     vector = np.median(means, axis=0)
     size = float(np.linalg.norm(vector))
     if not PLAUSIBLE_G[0] <= size <= PLAUSIBLE_G[1]:
         raise _not_gravity(device, size)
     tilts, rolls = tilt_roll_deg(means)
-    x_g, y_g, z_g = (float(v) for v in vector)
+    x_g, y_g, z_g = (float(v) for v in np.median(_means(uncorrected), axis=0))
     tilt_deg, roll_deg = tilt_roll_deg(vector)
     noise_of = MEDIAN_EFFICIENCY / np.sqrt(len(means))
     return HeadLevel(
@@ -125,6 +136,13 @@ def head_level(samples: Sequence[Acceleration], axes: Sequence[str], device: str
         float(tilts.std(ddof=1) * noise_of) if len(means) > 1 else np.inf,
         float(rolls.std(ddof=1) * noise_of) if len(means) > 1 else np.inf,
         len(head),
+        temperature_c if math.isfinite(temperature_c) else None,
+    )
+
+
+def _means(vectors: Vector) -> Vector:
+    return np.array(
+        [group.mean(axis=0) for group in np.array_split(vectors, min(MEDIAN_GROUPS, len(vectors)))]
     )
 
 

@@ -1,19 +1,17 @@
 """One capture: how the vehicle stands, then a frame of the skyline in each direction, then the bundle."""
 
-import math
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from localizer.bundle import Altitude
-from localizer.bundle import Camera as BundleCamera
 from localizer.horizon.from_image import find_skyline
+from rig import derive
 from rig.attitude import HeadLevel
 from rig.bundle_writer import FrameRecord, Measurement, require_writable, write_bundle
 from rig.camera import TimedFrame, average
@@ -22,7 +20,7 @@ from rig.connect import Rig, connect
 from rig.directions import Direction
 from rig.errors import DeviceError, GoalError, RigError
 from rig.framing import confident_fraction, state_counts, tilt_correction_deg
-from rig.kinematics import Attitude, Head, JointAngles, joints_for, measured_pointing
+from rig.kinematics import Attitude, Head, JointAngles, joints_for
 from rig.measure import AltitudeReading, read_altitude, still_level, utc_text
 from rig.pan_tilt import HeadState
 from rig.progress import Reporter
@@ -42,6 +40,7 @@ class CaptureError(RigError):
 class View:
     """What was read while the head stood in one position."""
 
+    before: HeadState
     state: HeadState
     level: HeadLevel
     frames: list[TimedFrame]
@@ -91,11 +90,11 @@ def measure(rig: Rig, directions: Sequence[Direction], report: Reporter) -> Meas
         )
     return Measurement(
         created=datetime.now(UTC),
-        camera=_bundle_camera(rig.config),
+        camera=derive.bundle_camera(rig.config),
         mast_height_m=rig.config.rig.mast_height_m,
         altitude=Altitude(value_m=altitude.altitude_m, sigma_m=altitude.sigma_m) if altitude else None,
-        azimuth_bias_sigma_deg=standing.heading.sigma_deg,
-        tilt_bias_sigma_deg=standing.level.tilt_zero_sigma_deg,
+        azimuth_bias_sigma_deg=derive.azimuth_bias_sigma_deg(rig.config, standing),
+        tilt_bias_sigma_deg=derive.tilt_bias_sigma_deg(rig.config, standing),
         frames=[frames[direction.label] for direction in directions],
         raw={
             "rig": rig.config.rig.name,
@@ -104,7 +103,7 @@ def measure(rig: Rig, directions: Sequence[Direction], report: Reporter) -> Meas
             "altimeter": altitude.raw if altitude else None,
             **standing.raw,
         },
-        calibration={**standing.calibration, "configuration": configured_calibration(rig.config)},
+        calibration=derive.calibration_record(rig.config, standing),
     )
 
 
@@ -165,16 +164,6 @@ def in_passing(
     return sweep if abs(pan_deg - first) <= abs(pan_deg - last) else sweep[::-1]
 
 
-def configured_calibration(config: RigConfig) -> dict[str, Any]:
-    """What of the configuration turns raw readings into calibrated ones, as JSON values.
-
-    Without the camera's source: the URL of a network camera often has its password in it.
-    """
-    return config.model_dump(
-        mode="json", exclude={"capture": True, "rig": {"bundle_dir"}, "camera": {"source"}}
-    )
-
-
 def _view(rig: Rig, joints: JointAngles, standing: Standing, head: Head) -> View:
     camera = rig.config.camera
     rig.pan_tilt.move_to(joints.pan_deg, joints.tilt_deg)
@@ -197,15 +186,11 @@ def _view(rig: Rig, joints: JointAngles, standing: Standing, head: Head) -> View
             f"moved by {moved_ticks} ticks while a frame was taken",
             "look for what pushes it",
         )
-    pointing = measured_pointing(
-        standing.attitude,
-        JointAngles((before.pan_deg + after.pan_deg) / 2, (before.tilt_deg + after.tilt_deg) / 2),
-        level.tilt_deg - standing.level.tilt_zero_deg,
-        level.roll_deg - standing.level.roll_zero_deg,
-        head.boresight,
-    )
+    joints_seen = JointAngles((before.pan_deg + after.pan_deg) / 2, (before.tilt_deg + after.tilt_deg) / 2)
+    pointing = derive.pointing(standing, joints_seen, level, head)
     margin = rig.config.capture.skyline_margin_fraction
     return View(
+        before,
         after,
         level,
         frames,
@@ -224,9 +209,6 @@ def _altitude(rig: Rig) -> AltitudeReading | None:
 
 
 def _frame_record(config: RigConfig, direction: Direction, standing: Standing, view: View) -> FrameRecord:
-    inclinometer = config.inclinometer
-    # The contract has no roll bias: what is left of the zero error goes into each frame's sigma.
-    roll_sigmas = inclinometer.roll_sigma_deg, view.level.roll_noise_deg, standing.level.roll_zero_sigma_deg
     return FrameRecord(
         label=direction.label,
         image_bgr=view.image_bgr,
@@ -234,31 +216,19 @@ def _frame_record(config: RigConfig, direction: Direction, standing: Standing, v
         azimuth_deg=view.pointing.azimuth_deg,
         azimuth_sigma_deg=config.pan_tilt.azimuth_sigma_deg,
         tilt_deg=view.pointing.tilt_deg,
-        tilt_sigma_deg=math.hypot(inclinometer.tilt_sigma_deg, view.level.tilt_noise_deg),
+        tilt_sigma_deg=derive.tilt_sigma_deg(config, view.level),
         roll_deg=view.pointing.roll_deg,
-        roll_sigma_deg=math.hypot(*roll_sigmas),
+        roll_sigma_deg=derive.roll_sigma_deg(config, standing, view.level),
         raw={
             "requested_azimuth_deg": direction.azimuth_deg,
             "ticks": list(view.state.ticks),
+            "ticks_before": list(view.before.ticks),
             "servo_volts": list(view.state.volts),
             "servo_temperatures_c": list(view.state.temps),
             "inclinometer": asdict(view.level),
             "frame_times": [utc_text(frame.arrived.utc) for frame in view.frames],
             "skyline": {"share": view.skyline_share, "columns": view.skyline_states},
         },
-    )
-
-
-def _bundle_camera(config: RigConfig) -> BundleCamera:
-    camera = config.camera
-    return BundleCamera(
-        width_px=camera.width_px,
-        height_px=camera.height_px,
-        fx_px=camera.fx_px,
-        fy_px=camera.fy_px,
-        cx_px=camera.cx_px,
-        cy_px=camera.cy_px,
-        distortion=camera.distortion,
     )
 
 

@@ -92,7 +92,7 @@ def check_pan_tilt(section: PanTiltSection) -> DeviceCheck:
 def check_inclinometer(section: InclinometerSection) -> DeviceCheck:
     """One reading as a capture takes it."""
     with closing(open_inclinometer(section)) as chip:
-        level, _, _ = read_level(chip, section.axes, section.average_s)
+        level, _, _ = read_level(chip, section, section.average_s)
         temperature_c = retry(partial(chip.read_many, 0.0))[-1].temperature_c
         noise_deg = max(level.tilt_noise_deg, level.roll_noise_deg)
         shaky = (

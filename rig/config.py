@@ -6,26 +6,32 @@
 import os
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
 from pydantic import (
     AfterValidator,
+    AwareDatetime,
     BaseModel,
     BeforeValidator,
     ConfigDict,
     Field,
+    PrivateAttr,
     ValidationError,
     field_validator,
     model_validator,
 )
 
+from rig.calibration import CALIBRATION_ORDER, AppliedCalibration, CalibrationError, read_calibration
 from rig.config_problems import joined, wrong_keys, wrong_value
 from rig.directions import Direction, parse_directions
 from rig.errors import ConfigError
 
 ENVIRONMENT_VARIABLE = "SKYFIX_CONFIG"
+MOST_SOFT_IRON = 0.5
+
+Rows = tuple[tuple[float, float, float], ...]
 
 
 def _bus_address(text: str) -> str:
@@ -46,12 +52,25 @@ def _signed_axes(axes: tuple[str, str, str]) -> tuple[str, str, str]:
     return axes
 
 
+def _near_identity(rows: Rows) -> Rows:
+    off = max(abs(value - (i == j)) for i, row in enumerate(rows) for j, value in enumerate(row))
+    if off > MOST_SOFT_IRON:
+        raise ValueError(f"three rows of three, close to the identity; one value is {off:.2f} off")
+    return rows
+
+
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
+Triple = Annotated[tuple[Finite, Finite, Finite], Field(strict=False)]
+Row = Annotated[tuple[Finite, Finite, Finite], Field(strict=False)]
+Matrix = Annotated[tuple[Row, Row, Row], Field(strict=False), AfterValidator(_near_identity)]
+IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 Bus = Annotated[str, AfterValidator(_bus_address)]
 I2cAddress = Annotated[int, Field(ge=0x08, le=0x77)]
 Port = Annotated[str, Field(min_length=1)]
 Baud = Annotated[int, Field(ge=300)]
+OptionalPath = Annotated[Path | None, Field(strict=False)]
 Axes = Annotated[tuple[str, str, str], AfterValidator(_signed_axes)]
 """The chip axis that points to the head's x (right), y (forward) and z (up), in this order."""
 
@@ -134,6 +153,11 @@ class InclinometerSection(_Section):
     tilt_sigma_deg: Positive = 0.01
     roll_sigma_deg: Positive = 0.02
     tilt_bias_sigma_deg: Positive = 0.02
+    zero_mg: Triple = (0.0, 0.0, 0.0)
+    scale: Annotated[tuple[Positive, Positive, Positive], Field(strict=False)] = (1.0, 1.0, 1.0)
+    mounting_deg: Triple = (0.0, 0.0, 0.0)
+    drift_mg_c: Triple = (0.0, 0.0, 0.0)
+    zero_temperature_c: Finite = 20.0
 
     @field_validator("axes")
     @classmethod
@@ -162,7 +186,10 @@ class Mmc5983maSection(_Section):
     axes: Annotated[Axes, Field(strict=False)]
     declination_deg: Annotated[float, Field(ge=-180.0, le=180.0)] | None = None
     azimuth_bias_sigma_deg: Positive = 1.0
-    hard_iron_ut: Annotated[tuple[Finite, Finite, Finite], Field(strict=False)] = (0.0, 0.0, 0.0)
+    hard_iron_ut: Triple = (0.0, 0.0, 0.0)
+    soft_iron: Matrix = IDENTITY
+    vehicle_hard_iron_ut: Triple = (0.0, 0.0, 0.0)
+    vehicle_soft_iron: Matrix = IDENTITY
 
 
 class NmeaCompassSection(_Section):
@@ -180,6 +207,8 @@ class _AltimeterSection(_Section):
     reference_altitude_m: Annotated[float, Field(ge=-500.0, le=9000.0)]
     reference_temperature_c: Annotated[float, Field(ge=-60.0, le=60.0)] | None = None
     sigma_m: Positive = 5.0
+    reference_time: Annotated[AwareDatetime, Field(strict=False)] | None = None
+    drift_m_h: NonNegative = 0.0
 
 
 class I2cAltimeterSection(_AltimeterSection):
@@ -220,6 +249,9 @@ class CameraSection(_Section):
     boresight_azimuth_deg: Annotated[float, Field(ge=-45.0, le=45.0)] = 0.0
     boresight_tilt_deg: Annotated[float, Field(ge=-45.0, le=45.0)] = 0.0
     boresight_roll_deg: Annotated[float, Field(ge=-180.0, le=180.0)] = 0.0
+    boresight_azimuth_sigma_deg: NonNegative = 0.0
+    boresight_tilt_sigma_deg: NonNegative = 0.0
+    boresight_roll_sigma_deg: NonNegative = 0.0
 
     @model_validator(mode="after")
     def _principal_point_in_the_picture(self) -> Self:
@@ -259,8 +291,18 @@ class CaptureSection(_Section):
         return parse_directions([str(direction) for direction in self.directions])
 
 
+class CalibrationSection(_Section):
+    """``[calibration]``: files of ``rig calibrate``, relative to this one; what they found replaces keys of the sections."""
+
+    camera: OptionalPath = None
+    inclinometer: OptionalPath = None
+    compass: OptionalPath = None
+    altimeter: OptionalPath = None
+    boresight: OptionalPath = None
+
+
 class RigConfig(_Section):
-    """The whole file."""
+    """The whole file. ``calibrations`` are those that have replaced keys of its sections."""
 
     rig: RigSection
     place: Place | None = None
@@ -270,6 +312,14 @@ class RigConfig(_Section):
     altimeter: Annotated[AltimeterSection, Field(discriminator="kind")] | None = None
     camera: CameraSection
     capture: CaptureSection = CaptureSection()
+    calibration: CalibrationSection = CalibrationSection()
+
+    _calibrations: tuple[AppliedCalibration, ...] = PrivateAttr(default=())
+
+    @property
+    def calibrations(self) -> tuple[AppliedCalibration, ...]:
+        """The calibrations that are in force."""
+        return self._calibrations
 
     @model_validator(mode="after")
     def _parts_fit_each_other(self) -> Self:
@@ -327,4 +377,36 @@ def load_config(path: Path) -> RigConfig:
             f"{path}: {joined([wrong_value(each, tables) for each in error.errors()])}"
         ) from error
     rig = config.rig.model_copy(update={"bundle_dir": path.parent / config.rig.bundle_dir})
-    return config.model_copy(update={"rig": rig})
+    config = config.model_copy(update={"rig": rig})
+    files = [
+        (kind, path.parent / file)
+        for kind in CALIBRATION_ORDER
+        if (file := getattr(config.calibration, kind)) is not None
+    ]
+    return with_calibrations(config, [read_calibration(file, kind) for kind, file in files])
+
+
+def with_calibrations(config: RigConfig, calibrations: Iterable[AppliedCalibration]) -> RigConfig:
+    """The configuration with what calibrations found in place of what its sections say; later ones replace earlier ones.
+
+    ``CalibrationError`` for one that was made with another device than the configuration's.
+    """
+    in_force = {each.document.kind: each for each in config.calibrations}
+    for each in calibrations:
+        kind = each.document.kind
+        misfit = each.document.misfit(config)
+        if misfit:
+            raise CalibrationError(f"{each.file}: {misfit}; calibrate the {kind} anew")
+        for name, keys in each.document.values().items():
+            section = getattr(config, name)
+            try:
+                changed = type(section).model_validate({**section.model_dump(), **keys})
+            except ValidationError as error:
+                raise CalibrationError(
+                    f"{each.file}: {joined([wrong_value(e, keys) for e in error.errors()])}"
+                ) from error
+            config = config.model_copy(update={name: changed})
+        in_force[kind] = each
+    config = config.model_copy()
+    config._calibrations = tuple(in_force[kind] for kind in CALIBRATION_ORDER if kind in in_force)
+    return config

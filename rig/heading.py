@@ -27,10 +27,26 @@ ANGLES_FOR_DEVIATION = 4
 
 @dataclass(frozen=True)
 class FieldAtPan:
-    """Samples (n, 3) of the field at one pan angle, uT, in the pan stage: x right, y forward, z up."""
+    """Mean field (3,) at one pan angle, uT, in the pan stage (x right, y forward, z up), and the mean's noise."""
 
     pan_deg: float
-    samples_ut: Vector
+    mean_ut: Vector
+    noise_ut: float
+
+
+@dataclass(frozen=True)
+class VehicleIron:
+    """What the vehicle adds to the Earth's field B, in base axes: ``soft`` @ B + ``hard_ut``."""
+
+    hard_ut: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    soft: tuple[tuple[float, float, float], ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+    def removed(self, field_ut: Vector) -> Vector:
+        """The Earth's field (3,) out of that in the base."""
+        return np.asarray(np.linalg.solve(np.array(self.soft), field_ut - np.array(self.hard_ut)))
+
+
+NO_IRON = VehicleIron()
 
 
 @dataclass(frozen=True)
@@ -67,22 +83,25 @@ class TrueHeading:
     declination: Declination | None
 
 
-def heading_from_field(fields: Sequence[FieldAtPan], level: BaseLevel) -> MagnetometerHeading:
+def heading_from_field(
+    fields: Sequence[FieldAtPan], level: BaseLevel, vehicle: VehicleIron = NO_IRON
+) -> MagnetometerHeading:
     """Heading from a magnetometer on the pan stage, tilt-compensated by the base's level.
 
     In stage axes the field is Rz(pan) B + c, with B the Earth's in base axes and c the stage's own: linear in
     both, so x and y of both come from one least-squares solution. The vertical part of c stays unknown and
-    enters times the slope of the base. ``DeviceError`` where the field cannot be the Earth's.
+    enters times the slope of the base. The ``vehicle``'s own iron is then taken out of B. ``DeviceError`` where the
+    field cannot be the Earth's.
     """
-    means = np.array([field.samples_ut.mean(axis=0) for field in fields])
+    means = np.array([field.mean_ut for field in fields])
     measured = means[:, :2].ravel()
     design = np.vstack([_stage_rows(field.pan_deg) for field in fields])
     solution, *_ = np.linalg.lstsq(design, measured, rcond=None)
     misfit_ut = _deviation(measured - design @ solution, unknowns=4)
-    noise_ut = max(float(f.samples_ut.std(axis=0).max()) / math.sqrt(len(f.samples_ut)) for f in fields)
+    noise_ut = max(field.noise_ut for field in fields)
     variances = np.diag(np.linalg.inv(design.T @ design)) * max(misfit_ut, noise_ut) ** 2
 
-    in_base = np.array([solution[0], solution[1], means[:, 2].mean()])
+    in_base = vehicle.removed(np.array([solution[0], solution[1], means[:, 2].mean()]))
     east, north, up = (float(v) for v in body_rotation(level.attitude(0.0)) @ in_base)
     horizontal_ut = math.hypot(east, north)
     total_ut = math.hypot(horizontal_ut, up)

@@ -3,7 +3,6 @@
 import logging
 import math
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
@@ -11,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from rig.accelerometer import AccelerometerCorrection
 from rig.altitude import PressureReference, metres_per_hpa, plausible_altitude_m
 from rig.attitude import HeadLevel, head_level
 from rig.bus.deadline import Deadline
 from rig.bus.retry import retry
-from rig.config import AltimeterSection
+from rig.config import AltimeterSection, InclinometerSection
 from rig.connect import Altimeter, Inclinometer, Rig
 from rig.errors import DeviceError
 
@@ -23,6 +23,7 @@ _log = logging.getLogger(__name__)
 
 DRIFT_SIGMAS = 3.0
 ALTIMETER_AVERAGE_S = 0.5
+MOST_DRIFT_M = 150.0  # from a deep low to a strong high
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,18 @@ class AltitudeReading:
     altitude_m: float
     sigma_m: float
     raw: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class MeanPressure:
+    """Mean and scatter of so many readings, and when the last was taken."""
+
+    device: str
+    utc: datetime
+    pressure_hpa: float
+    pressure_scatter_hpa: float
+    temperature_c: float | None
+    readings: int
 
 
 def still_level(rig: Rig, duration_s: float) -> tuple[HeadLevel, float]:
@@ -45,7 +58,7 @@ def still_level(rig: Rig, duration_s: float) -> tuple[HeadLevel, float]:
     while True:
         last_try = deadline.expired
         begun_s = time.monotonic()
-        whole, early, late = read_level(rig.inclinometer, section.axes, duration_s)
+        whole, early, late = read_level(rig.inclinometer, section, duration_s)
         # Both: a slow swing shows as drift, a fast one only as scatter.
         drift_deg = max(abs(late.tilt_deg - early.tilt_deg), abs(late.roll_deg - early.roll_deg))
         noise_deg = max(whole.tilt_noise_deg, whole.roll_noise_deg)
@@ -62,35 +75,63 @@ def still_level(rig: Rig, duration_s: float) -> tuple[HeadLevel, float]:
 
 
 def read_level(
-    inclinometer: Inclinometer, axes: Sequence[str], duration_s: float
+    inclinometer: Inclinometer, section: InclinometerSection, duration_s: float
 ) -> tuple[HeadLevel, HeadLevel, HeadLevel]:
     """Average over ``duration_s``, and those of its first and its second half."""
     samples = retry(partial(inclinometer.read_many, duration_s))
     middle = (len(samples) + 1) // 2
-    device = inclinometer.identify()
-    whole, early, late = (head_level(s, axes, device) for s in (samples, samples[:middle], samples[-middle:]))
+    device, correction = inclinometer.identify(), AccelerometerCorrection.from_section(section)
+    whole, early, late = (
+        head_level(s, section.axes, device, correction)
+        for s in (samples, samples[:middle], samples[-middle:])
+    )
     return whole, early, late
 
 
 def read_altitude(altimeter: Altimeter, section: AltimeterSection) -> AltitudeReading:
     """Altitude by the mean pressure of half a second. ``DeviceError`` where no ground lies that high or low."""
-    readings = retry(partial(altimeter.read_many, ALTIMETER_AVERAGE_S))
+    return altitude_from(read_pressure(altimeter, ALTIMETER_AVERAGE_S), section)
+
+
+def read_pressure(altimeter: Altimeter, duration_s: float) -> MeanPressure:
+    """Mean over some seconds."""
+    readings = retry(partial(altimeter.read_many, duration_s))
     pressures_hpa = np.array([reading.pressure_hpa for reading in readings])
-    pressure_hpa = float(pressures_hpa.mean())
+    return MeanPressure(
+        altimeter.identify(),
+        readings[-1].utc,
+        float(pressures_hpa.mean()),
+        float(pressures_hpa.std()),
+        readings[-1].temperature_c,
+        len(readings),
+    )
+
+
+def altitude_from(mean: MeanPressure, section: AltimeterSection) -> AltitudeReading:
+    """Altitude by a pressure. ``DeviceError`` where no ground lies that high or low.
+
+    Trust in it fades with the time since the reference was taken, at the configured rate: the weather changes.
+    """
     reference = PressureReference(
         section.reference_pressure_hpa, section.reference_altitude_m, section.reference_temperature_c
     )
-    noise_m = float(pressures_hpa.std()) / math.sqrt(len(readings)) * metres_per_hpa(pressure_hpa, reference)
+    noise_m = (
+        mean.pressure_scatter_hpa / math.sqrt(mean.readings) * metres_per_hpa(mean.pressure_hpa, reference)
+    )
+    drift_m = 0.0
+    if section.reference_time is not None:
+        hours = abs((mean.utc - section.reference_time).total_seconds()) / 3600.0
+        drift_m = min(section.drift_m_h * hours, MOST_DRIFT_M)
     return AltitudeReading(
-        plausible_altitude_m(pressure_hpa, reference, altimeter.identify()),
-        math.hypot(section.sigma_m, noise_m),
+        plausible_altitude_m(mean.pressure_hpa, reference, mean.device),
+        math.hypot(section.sigma_m, noise_m, drift_m),
         {
-            "device": altimeter.identify(),
-            "time": utc_text(readings[-1].utc),
-            "pressure_hpa": pressure_hpa,
-            "pressure_scatter_hpa": float(pressures_hpa.std()),
-            "temperature_c": readings[-1].temperature_c,
-            "readings": len(readings),
+            "device": mean.device,
+            "time": utc_text(mean.utc),
+            "pressure_hpa": mean.pressure_hpa,
+            "pressure_scatter_hpa": mean.pressure_scatter_hpa,
+            "temperature_c": mean.temperature_c,
+            "readings": mean.readings,
         },
     )
 

@@ -1,5 +1,6 @@
 """How the vehicle stands: level and heading of the base, measured by turning the head to several pan angles."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
@@ -7,18 +8,18 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from localizer.observation import NO_COMPASS_SIGMA_DEG
 from rig.attitude import BaseLevel, HeadLevel, LevelReading, LevelSigmas, base_level, in_axes
 from rig.bus.retry import retry
-from rig.config import CompassSection, Mmc5983maSection, NmeaCompassSection, Place
+from rig.config import CompassSection, Mmc5983maSection, NmeaCompassSection, Place, RigConfig
 from rig.connect import Rig
 from rig.declination import Declination, declination
 from rig.heading import (
     FieldAtPan,
     HeadingsAtPan,
     TrueHeading,
+    VehicleIron,
     heading_from_field,
     heading_from_talker,
     true_heading,
@@ -44,30 +45,46 @@ class Standing:
 
 
 @dataclass(frozen=True)
-class Stop:
-    """What was read at one pan angle; fields or headings, as the compass gives the one or the other."""
+class MeanField:
+    """Field in the magnetometer's own axes (3,), uT: mean and scatter of so many readings."""
 
-    state: HeadState
+    mean_ut: tuple[float, float, float]
+    scatter_ut: tuple[float, float, float]
+    readings: int
+    temperature_c: float
+
+
+@dataclass(frozen=True)
+class Stop:
+    """What was read at one pan angle; a field or headings, as the compass gives the one or the other."""
+
+    ticks: tuple[int, int]
+    joints: JointAngles
     level: HeadLevel
-    fields: tuple[FieldReading, ...]
+    field: MeanField | None
     headings: tuple[HeadingReading, ...]
     utc: datetime
 
 
 def measure_standing(rig: Rig) -> Standing:
-    """Turn the head through the configured pan angles, at tilt 0, and read inclinometer and compass at each.
+    """Turn the head through the configured pan angles, at tilt 0, and read inclinometer and compass at each."""
+    duration_s = rig.config.inclinometer.average_s * READING_SHARE
+    stops = [read_stop(rig, JointAngles(pan_deg, 0.0), duration_s) for pan_deg in _in_passing(rig)]
+    return standing_from(rig.config, stops, rig.compass.identify() if rig.compass else None)
+
+
+def standing_from(config: RigConfig, stops: Sequence[Stop], compass: str | None) -> Standing:
+    """Attitude of the base from what was read at the stops; ``compass`` is the device's identity, for the record.
 
     Without a compass the heading is 0 with a sigma of 180: azimuths then count from the vehicle's bow.
     """
-    config = rig.config
-    stops = [_stop(rig, pan_deg) for pan_deg in _in_passing(rig)]
     sigmas = LevelSigmas(
         config.inclinometer.tilt_sigma_deg,
         config.inclinometer.roll_sigma_deg,
         config.inclinometer.tilt_bias_sigma_deg,
         config.pan_tilt.azimuth_sigma_deg,
     )
-    level = base_level([LevelReading(_joints(stop), stop.level) for stop in stops], sigmas)
+    level = base_level([LevelReading(stop.joints, stop.level) for stop in stops], sigmas)
     heading: TrueHeading = NO_COMPASS
     details: dict[str, Any] | None = None
     if config.compass:
@@ -76,7 +93,7 @@ def measure_standing(rig: Rig) -> Standing:
         level.attitude(heading.heading_deg),
         level,
         heading,
-        {"compass": rig.compass.identify() if rig.compass else None, "stops": [_record(s) for s in stops]},
+        {"compass": compass, "stops": [stop_record(stop) for stop in stops]},
         {"level": asdict(level), "heading": asdict(heading), "compass": details},
     )
 
@@ -89,8 +106,11 @@ def base_heading(
     ``ConfigError`` where it gives magnetic headings and there is no declination.
     """
     if isinstance(section, Mmc5983maSection):
-        fields = [FieldAtPan(stop.state.pan_deg, _stage_fields_ut(stop, section)) for stop in stops]
-        measured = heading_from_field(fields, level)
+        fields = [
+            stage_field(stop.joints.pan_deg, stop.field, section) for stop in stops if stop.field is not None
+        ]
+        vehicle = VehicleIron(section.vehicle_hard_iron_ut, section.vehicle_soft_iron)
+        measured = heading_from_field(fields, level, vehicle)
         to_true = declination(section.declination_deg, None, place, stops[0].utc)
         return true_heading(measured, section.azimuth_bias_sigma_deg, to_true), asdict(measured)
     headings, to_true_used = [], None
@@ -100,7 +120,7 @@ def base_heading(
             used = _talkers_declination(reading, section, place)
             true_deg.append(reading.heading_deg + (used.declination_deg if used else 0.0))
             to_true_used = used or to_true_used
-        headings.append(HeadingsAtPan(stop.state.pan_deg, tuple(true_deg)))
+        headings.append(HeadingsAtPan(stop.joints.pan_deg, tuple(true_deg)))
     spoken = heading_from_talker(headings, level)
     # The readings are true already: a talker may send both kinds, and its own variation with each.
     return replace(
@@ -116,22 +136,42 @@ def _talkers_declination(
     return declination(section.declination_deg, reading.variation_deg, place, reading.utc)
 
 
-def _stage_fields_ut(stop: Stop, section: Mmc5983maSection) -> NDArray[np.float64]:
-    """The field (n, 3) in axes of the pan stage, without its calibrated hard iron."""
-    chip = np.array([[reading.x_ut, reading.y_ut, reading.z_ut] for reading in stop.fields])
-    return np.asarray(in_axes(chip, section.axes) - np.array(section.hard_iron_ut))
+def stage_field(pan_deg: float, field: MeanField, section: Mmc5983maSection) -> FieldAtPan:
+    """The field in axes of the pan stage, without the stage's calibrated iron."""
+    stage_ut = in_axes(np.array([field.mean_ut]), section.axes)[0] - np.array(section.hard_iron_ut)
+    noise_ut = max(field.scatter_ut) / math.sqrt(field.readings)
+    return FieldAtPan(pan_deg, np.linalg.solve(np.array(section.soft_iron), stage_ut), noise_ut)
 
 
-def _stop(rig: Rig, pan_deg: float) -> Stop:
-    duration_s = rig.config.inclinometer.average_s * READING_SHARE
-    rig.pan_tilt.move_to(pan_deg, 0.0)
+def read_stop(rig: Rig, joints: JointAngles, duration_s: float) -> Stop:
+    """Move there, wait until all is still, and read inclinometer and compass for so long."""
+    rig.pan_tilt.move_to(joints.pan_deg, joints.tilt_deg)
     state = rig.pan_tilt.wait_settled()
+    return read_here(rig, state, duration_s)
+
+
+def read_here(rig: Rig, state: HeadState, duration_s: float) -> Stop:
+    """Read inclinometer and compass for so long where the head stands."""
     levelling = rig.readers.submit(still_level, rig, duration_s)
     readings = retry(partial(rig.compass.read_many, duration_s)) if rig.compass else ()
     level, _ = levelling.result()
-    fields = tuple(reading for reading in readings if isinstance(reading, FieldReading))
-    headings = tuple(reading for reading in readings if isinstance(reading, HeadingReading))
-    return Stop(state, level, fields, headings, datetime.now(UTC))
+    return Stop(
+        state.ticks,
+        JointAngles(state.pan_deg, state.tilt_deg),
+        level,
+        mean_field([reading for reading in readings if isinstance(reading, FieldReading)]),
+        tuple(reading for reading in readings if isinstance(reading, HeadingReading)),
+        datetime.now(UTC),
+    )
+
+
+def mean_field(readings: Sequence[FieldReading]) -> MeanField | None:
+    """Mean and scatter of magnetometer readings; None of none."""
+    if not readings:
+        return None
+    chip_ut = np.array([[reading.x_ut, reading.y_ut, reading.z_ut] for reading in readings])
+    mean_ut, scatter_ut = chip_ut.mean(axis=0).tolist(), chip_ut.std(axis=0).tolist()
+    return MeanField(tuple(mean_ut), tuple(scatter_ut), len(readings), readings[-1].temperature_c)
 
 
 def _in_passing(rig: Rig) -> list[float]:
@@ -141,23 +181,18 @@ def _in_passing(rig: Rig) -> list[float]:
     return angles_deg if abs(here_deg - angles_deg[0]) <= abs(here_deg - angles_deg[-1]) else angles_deg[::-1]
 
 
-def _joints(stop: Stop) -> JointAngles:
-    return JointAngles(stop.state.pan_deg, stop.state.tilt_deg)
-
-
-def _record(stop: Stop) -> dict[str, Any]:
+def stop_record(stop: Stop) -> dict[str, Any]:
     """A stop as JSON values: the head's average in head axes, the compass's in its own."""
     record: dict[str, Any] = {
         "time": utc_text(stop.utc),
-        "ticks": list(stop.state.ticks),
+        "ticks": list(stop.ticks),
         "inclinometer": asdict(stop.level),
     }
-    if stop.fields:
-        chip_ut = np.array([[reading.x_ut, reading.y_ut, reading.z_ut] for reading in stop.fields])
-        record["field_ut"] = chip_ut.mean(axis=0).tolist()
-        record["field_scatter_ut"] = chip_ut.std(axis=0).tolist()
-        record["field_readings"] = len(chip_ut)
-        record["compass_temperature_c"] = stop.fields[-1].temperature_c
+    if stop.field:
+        record["field_ut"] = list(stop.field.mean_ut)
+        record["field_scatter_ut"] = list(stop.field.scatter_ut)
+        record["field_readings"] = stop.field.readings
+        record["compass_temperature_c"] = stop.field.temperature_c
     if stop.headings:
         record["headings"] = [
             {"heading_deg": r.heading_deg, "reference": r.reference, "variation_deg": r.variation_deg}

@@ -30,6 +30,7 @@ class Sample:
     x_g: float
     y_g: float
     z_g: float | None
+    temperature_c: float = 20.0
 
 
 def samples(up: np.ndarray, count: int, noise_g: float, seed: int = 1) -> list[Sample]:

@@ -40,7 +40,7 @@ def test_the_example_is_valid_and_shows_every_key() -> None:
     text = VEHICLE.read_text()
     sections = [
         config.rig, config.place, config.pan_tilt, config.pan_tilt.pan, config.inclinometer, config.compass,
-        config.altimeter, config.camera, config.capture,
+        config.altimeter, config.camera, config.capture, config.calibration,
     ]  # fmt: skip
     for section in sections:
         assert section is not None

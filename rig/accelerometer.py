@@ -1,0 +1,72 @@
+"""An accelerometer's own errors and how it sits in the head, and how to take both out of its readings.
+
+A chip at rest measures ``zero + drift * (T - T0) + scale * (R^T up)``, all in the head's axes: zero error and drift with
+temperature per axis, an error of scale per axis, and R, the small turn by which the chip sits askew.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+Vector = NDArray[np.float64]
+Triple = tuple[float, float, float]
+
+
+class AccelerometerKeys(Protocol):
+    """[inclinometer] of the configuration, as far as it corrects readings."""
+
+    @property
+    def zero_mg(self) -> Triple: ...
+    @property
+    def scale(self) -> Triple: ...
+    @property
+    def mounting_deg(self) -> Triple: ...
+    @property
+    def drift_mg_c(self) -> Triple: ...
+    @property
+    def zero_temperature_c(self) -> float: ...
+
+
+@dataclass(frozen=True)
+class AccelerometerCorrection:
+    """``mounting_deg`` is a rotation vector (right, forward, up) that turns what the chip measures into the head's axes."""
+
+    zero_mg: Triple = (0.0, 0.0, 0.0)
+    scale: Triple = (1.0, 1.0, 1.0)
+    mounting_deg: Triple = (0.0, 0.0, 0.0)
+    drift_mg_c: Triple = (0.0, 0.0, 0.0)
+    zero_temperature_c: float = 20.0
+
+    @classmethod
+    def from_section(cls, section: AccelerometerKeys) -> "AccelerometerCorrection":
+        """What a configuration says."""
+        return cls(
+            section.zero_mg,
+            section.scale,
+            section.mounting_deg,
+            section.drift_mg_c,
+            section.zero_temperature_c,
+        )
+
+    def up_in_head(self, measured_g: Vector, temperature_c: float) -> Vector:
+        """Vectors (n, 3) of a chip in the head's axes without its errors; a NaN z (two-axis chip) is what is left of 1 g.
+
+        Where the two axes alone make 1 g or more, z comes back NaN: that is no gravity.
+        """
+        warmer_c = temperature_c - self.zero_temperature_c
+        if not math.isfinite(warmer_c):  # a chip without a thermometer
+            warmer_c = 0.0
+        zero_g = (np.array(self.zero_mg) + np.array(self.drift_mg_c) * warmer_c) / 1000.0
+        vectors = (np.asarray(measured_g, float) - zero_g) / np.array(self.scale)
+        two_axes = np.isnan(vectors[:, 2])
+        left = 1.0 - vectors[two_axes, 0] ** 2 - vectors[two_axes, 1] ** 2
+        vectors[two_axes, 2] = np.sqrt(np.where(left > 0.0, left, np.nan))
+        turn = Rotation.from_rotvec(np.radians(self.mounting_deg)).as_matrix()
+        return np.asarray(vectors @ turn.T)
+
+
+NO_CORRECTION = AccelerometerCorrection()
