@@ -1,0 +1,90 @@
+"""A skyline that was found against one that is known, in px at a width of 1000 px so that pictures compare."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from localizer.horizon.from_image import CONFIDENT, ColumnState, Skyline
+
+Floats = NDArray[np.float64]
+
+REFERENCE_WIDTH_PX = 1000.0
+FAR_OFF_PX = 10.0
+"""At REFERENCE_WIDTH_PX: no more than this is a matter of care in tracing, more is another line in the picture."""
+MOSTLY = 0.05
+"""The share of columns far off from which a picture counts as failed, by where those columns lie."""
+
+
+@dataclass(frozen=True)
+class PictureScore:
+    """One picture, or several together.
+
+    Attributes:
+        error_px: (n,) found minus true row of the columns that both have, px at REFERENCE_WIDTH_PX, down is positive.
+        confident: (n,) which of these were declared confident.
+        columns: columns in which sky is seen over terrain and the truth is known.
+    """
+
+    error_px: Floats
+    confident: NDArray[np.bool_]
+    columns: int
+
+    def size_px(self, *, confident_only: bool) -> Floats:
+        """Sizes of the errors."""
+        return np.abs(self.error_px[self.confident] if confident_only else self.error_px)
+
+    @property
+    def confident_share(self) -> float:
+        """Of the columns that show sky over terrain, those declared confident."""
+        return float(self.confident.sum() / self.columns) if self.columns else float("nan")
+
+    @property
+    def above_share(self) -> float:
+        """Of the confident columns, those far off above the truth: a cloud, haze, a streak in the sky."""
+        return self._share(self.error_px < -FAR_OFF_PX)
+
+    @property
+    def below_share(self) -> float:
+        """Of the confident columns, those far off below the truth: a nearer ridge, the edge of snow or shade."""
+        return self._share(self.error_px > FAR_OFF_PX)
+
+    def _share(self, which: NDArray[np.bool_]) -> float:
+        number = int(self.confident.sum())
+        return float((which & self.confident).sum() / number) if number else 0.0
+
+    @property
+    def verdict(self) -> str:
+        """What became of the picture, in two words."""
+        if self.above_share >= MOSTLY and self.above_share >= self.below_share:
+            return "above it"
+        if self.below_share >= MOSTLY:
+            return "below it"
+        return "ok" if self.confident_share >= 0.5 else "mostly silent"
+
+
+def score_skyline(found: Skyline, true_row_px: Floats, height_px: int) -> PictureScore:
+    """Compare a found skyline with the true rows (width,), NaN where unknown.
+
+    Columns whose true row lies outside the picture show no skyline and do not count.
+    """
+    with np.errstate(invalid="ignore"):
+        known = (true_row_px >= 0.0) & (true_row_px <= height_px - 1.0)
+    both = known & np.isfinite(found.row_px)
+    scale = REFERENCE_WIDTH_PX / len(true_row_px)
+    confident = (found.confidence >= CONFIDENT) & (found.state == ColumnState.OK)
+    return PictureScore(
+        error_px=(found.row_px - true_row_px)[both] * scale,
+        confident=confident[both],
+        columns=int(known.sum()),
+    )
+
+
+def together(scores: Sequence[PictureScore]) -> PictureScore:
+    """All columns of several pictures."""
+    return PictureScore(
+        error_px=np.concatenate([s.error_px for s in scores]),
+        confident=np.concatenate([s.confident for s in scores]),
+        columns=sum(s.columns for s in scores),
+    )

@@ -1,0 +1,39 @@
+"""Reading the data where it lies: a missing or broken file ends the evaluation with one clear line."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.errors import SimulationError
+
+Image = NDArray[np.uint8]
+
+
+def existing(path: Path) -> Path:
+    """The path itself, if there is something there. Raises SimulationError."""
+    if not path.exists():
+        raise SimulationError(
+            f"{path}: not there; give the data folder that holds photos, rendered, terrain, local-only"
+        )
+    return path
+
+
+def read_json(path: Path) -> Any:
+    """Content of a JSON file. Raises SimulationError."""
+    try:
+        return json.loads(existing(path).read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise SimulationError(f"{path}: no JSON that can be read ({error})") from None
+
+
+def read_image(path: Path) -> Image:
+    """A picture (height, width, 3), BGR, as the sensor had it. Raises SimulationError."""
+    existing(path)
+    image = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+    if image is None:
+        raise SimulationError(f"{path}: no picture that can be read")
+    return np.asarray(image, np.uint8)
