@@ -4,16 +4,16 @@ import json
 import signal
 import sys
 from collections.abc import Callable, Sequence
-from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn, ParamSpec, TypeVar
 
 import click
 
 from localizer import command_line
-from localizer.errors import SkyfixError
 from sim.command import find_command, run_command
 from sim.errors import SimulationError
+from sim.evaluate.command import evaluate
+from sim.failures import one_line_failures
 
 if TYPE_CHECKING:
     from sim.world import World
@@ -31,19 +31,6 @@ def main() -> NoReturn:
     # A polite end tears the fake devices down, as Ctrl-C does.
     signal.signal(signal.SIGTERM, lambda number, _frame: sys.exit(128 + number))
     command_line.run(sim, "sim")
-
-
-def _one_line_failures(function: Callable[P, T]) -> Callable[P, T]:
-    """Turn the simulator's failures into the ones that end a command with one line and status 2."""
-
-    @wraps(function)
-    def wrapped(*args: P.args, **kwargs: P.kwargs) -> T:
-        try:
-            return function(*args, **kwargs)
-        except SimulationError as error:
-            raise SkyfixError(str(error)) from error
-
-    return wrapped
 
 
 _dem_option = click.option(
@@ -105,7 +92,7 @@ def sim() -> None:
     help="TOML or JSON script of what goes wrong when (docs/faults.md).",
 )
 @click.argument("command", metavar="-- COMMAND...", nargs=-1, required=True, type=click.UNPROCESSED)
-@_one_line_failures
+@one_line_failures
 def run_(
     dem_paths: tuple[Path, ...],
     seed: int,
@@ -158,7 +145,7 @@ def run_(
     help="True azimuth to look at, degrees; may be repeated.",
 )
 @click.option("--tilt", "tilt_deg", type=click.FloatRange(-60.0, 60.0), default=4.0, show_default=True)
-@_one_line_failures
+@one_line_failures
 def render(
     dem_paths: tuple[Path, ...],
     seed: int,
@@ -211,7 +198,7 @@ def render(
     metavar="DIR",
     help="Where bundle, fix and picture go.",
 )
-@_one_line_failures
+@one_line_failures
 def demo(dem_paths: tuple[Path, ...], seed: int, scenario_path: Path | None, folder: Path) -> int:
     """Capture with a simulated rig somewhere on the terrain, and find out where that was.
 
@@ -230,7 +217,7 @@ def demo(dem_paths: tuple[Path, ...], seed: int, scenario_path: Path | None, fol
 @_dem_option
 @_seed_option
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-@_one_line_failures
+@one_line_failures
 def paper(dem_paths: tuple[Path, ...], seed: int, as_json: bool) -> None:
     """Repeat the paper's Table I at contour level: nine places, noise-free and with sigma = 5 px.
 
@@ -249,3 +236,6 @@ def paper(dem_paths: tuple[Path, ...], seed: int, as_json: bool) -> None:
         click.echo(to_json(rows))
     else:
         print_table(rows)
+
+
+sim.add_command(evaluate)

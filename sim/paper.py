@@ -14,11 +14,12 @@ from localizer.dem import load_dem
 from localizer.horizon.from_terrain import Terrain as SearchedTerrain
 from localizer.horizon.from_terrain import prepare_terrain
 from localizer.locate import Located, locate
-from localizer.observation import FrameObservation, Observation
+from localizer.observation import Observation
 from localizer.search.grid_only import grid_only_estimate
 from sim.contour import skyline_contour
 from sim.errors import SimulationError
-from sim.mechanics import camera_in_world
+from sim.mechanics import Attitude, camera_in_world
+from sim.observing import aimed_tilt_deg, frame_observation
 from sim.scenario import CameraOptics
 from sim.surface import Surface
 from sim.terrain import read_terrain
@@ -154,24 +155,19 @@ def _contours(
     columns = np.arange(IMAGE_PX, dtype=float)
     frames = []
     for label, azimuth in DIRECTIONS.items():
-        ahead, _ = surface.horizon(observer, azimuth + np.arange(-HALF_VIEW_DEG, HALF_VIEW_DEG, 1.0))
-        tilt = float(np.round(np.nanmedian(ahead), 2))
+        tilt = aimed_tilt_deg(surface, observer, azimuth, HALF_VIEW_DEG)
         contour = skyline_contour(surface, observer, optics, camera_in_world(azimuth, tilt, 0.0), columns)
         inside = np.isfinite(contour)
-        seen = contour[inside] + noise_px * rng.standard_normal(int(inside.sum()))
+        contour[inside] += noise_px * rng.standard_normal(int(inside.sum()))
         frames.append(
-            FrameObservation(
-                label=label,
-                camera=optics,
-                azimuth_deg=azimuth,
-                azimuth_sigma_deg=ATTITUDE_SIGMA_DEG,
-                tilt_deg=tilt,
-                tilt_sigma_deg=ATTITUDE_SIGMA_DEG,
-                roll_deg=0.0,
-                roll_sigma_deg=ATTITUDE_SIGMA_DEG,
-                u_px=columns[inside],
-                v_px=seen,
-                sigma_px=np.full(len(seen), max(noise_px, NOISE_FREE_SIGMA_PX)),
+            frame_observation(
+                label,
+                optics,
+                Attitude(azimuth, tilt, 0.0),
+                (ATTITUDE_SIGMA_DEG,) * 3,
+                columns,
+                contour,
+                max(noise_px, NOISE_FREE_SIGMA_PX),
             )
         )
     return Observation(

@@ -5,7 +5,7 @@ Sigmas are what a draw is made from; the values drawn for one seed are in ``Worl
 
 import tomllib
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
@@ -23,12 +23,16 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 Latitude = Annotated[float, Field(ge=-89.0, le=89.0)]
 Longitude = Annotated[float, Field(ge=-180.0, le=180.0)]
 
+Model = TypeVar("Model", bound=BaseModel)
 
-class _Section(BaseModel):
+
+class Section(BaseModel):
+    """Immutable, and no key that it does not know."""
+
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class Place(_Section):
+class Place(Section):
     """Where the vehicle stands: drawn under these conditions, or given in WGS84 by both coordinates."""
 
     lat_deg: Latitude | None = None
@@ -46,7 +50,7 @@ class Place(_Section):
         return self
 
 
-class Vehicle(_Section):
+class Vehicle(Section):
     """The base that the head stands on."""
 
     mast_height_m: Positive = 2.0
@@ -54,7 +58,7 @@ class Vehicle(_Section):
     heading_deg: Annotated[float, Field(ge=0.0, lt=360.0)] | None = None  # true; drawn when absent
 
 
-class Boresight(_Section):
+class Boresight(Section):
     """How the camera sits in the head, unknown to the rig."""
 
     azimuth_sigma_deg: NonNegative = 0.05
@@ -62,7 +66,7 @@ class Boresight(_Section):
     roll_sigma_deg: NonNegative = 0.02
 
 
-class Servo(_Section):
+class Servo(Section):
     """The pan and tilt motors; quantisation to 4096 ticks a turn comes with the device."""
 
     pan_model: ServoModel = "XM430-W350"
@@ -75,7 +79,7 @@ class Servo(_Section):
     supply_voltage_v: Positive = 12.0
 
 
-class Inclinometer(_Section):
+class Inclinometer(Section):
     """Accelerometer in the head."""
 
     chip: InclinometerChip = "adxl355"
@@ -84,7 +88,7 @@ class Inclinometer(_Section):
     temperature_drift_sigma_mg_c: NonNegative = 0.02  # per axis and degree away from 20 C, where zeroed
 
 
-class Compass(_Section):
+class Compass(Section):
     """Magnetometer on the pan stage, or a talker there."""
 
     kind: CompassKind = "mmc5983ma"
@@ -97,7 +101,7 @@ class Compass(_Section):
     talker_noise_deg: NonNegative = 0.2  # per sentence, for kinds that send headings
 
 
-class Altimeter(_Section):
+class Altimeter(Section):
     """Barometer, and the reference pressure that the crew wrote down before they left."""
 
     kind: AltimeterKind = "bmp390"
@@ -109,7 +113,7 @@ class Altimeter(_Section):
     weather_drift_sigma_hpa_h: NonNegative = 0.4  # of the weather since then
 
 
-class Weather(_Section):
+class Weather(Section):
     """Air and light."""
 
     sea_level_pressure_hpa: Positive | None = None  # drawn around 1015 when absent
@@ -127,7 +131,7 @@ class Weather(_Section):
     decimal_year: Annotated[float, Field(ge=2025.0, lt=2030.0)] = 2026.9  # for the magnetic field (WMM2025)
 
 
-class CameraOptics(_Section):
+class CameraOptics(Section):
     """The camera as it truly is. The rig is told the same intrinsics: calibration finds them well."""
 
     width_px: Annotated[int, Field(ge=16, le=4096)] = 640
@@ -151,7 +155,7 @@ class CameraOptics(_Section):
     jpeg_quality: Annotated[int, Field(ge=1, le=100)] = 95
 
 
-class Scenario(_Section):
+class Scenario(Section):
     """Everything that a simulated world is drawn from, besides the terrain and the seed."""
 
     place: Place = Place()
@@ -172,8 +176,15 @@ def load_scenario(path: Path | None) -> Scenario:
         SimulationError: the file cannot be read, is no TOML, or has a key or value that a scenario does not
         have.
     """
-    if path is None:
-        return Scenario()
+    return Scenario() if path is None else read_toml(path, Scenario, "configs/scenarios/default.toml")
+
+
+def read_toml(path: Path, model: type[Model], example: str) -> Model:
+    """Read a TOML file that says what ``model`` does; ``example`` names a file that does it right.
+
+    Raises:
+        SimulationError: the file cannot be read, is no TOML, or has a key or value that the model does not have.
+    """
     try:
         with path.open("rb") as file:
             content = tomllib.load(file)
@@ -184,11 +195,9 @@ def load_scenario(path: Path | None) -> Scenario:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise SimulationError(f"scenario {path}: not valid TOML: {error}") from error
     try:
-        return Scenario.model_validate(content)
+        return model.model_validate(content)
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])
         what = "unknown key" if first["type"] == "extra_forbidden" else first["msg"]
-        raise SimulationError(
-            f"scenario {path}: {where}: {what}; see configs/scenarios/default.toml"
-        ) from error
+        raise SimulationError(f"scenario {path}: {where}: {what}; see {example}") from error

@@ -149,7 +149,7 @@ class World:
             SimulationError: the DEM cannot be read, or no place on it meets the scenario's conditions.
         """
         surface = Surface(read_terrain(dem_paths))
-        observer = _draw_place(surface, scenario, random_generator(seed, "place"))
+        observer = draw_place(surface, scenario, random_generator(seed, "place"))
         place = _place(surface, observer)
         base = _draw_base(scenario, random_generator(seed, "base"))
         air = _draw_air(scenario, random_generator(seed, "weather"))
@@ -225,12 +225,24 @@ class World:
         }
 
 
-def random_generator(seed: int, purpose: str) -> np.random.Generator:
+def random_generator(seed: int | Sequence[int], purpose: str) -> np.random.Generator:
     """The generator of one purpose: streams of different purposes are independent."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(zlib.crc32(purpose.encode()),)))
 
 
-def _draw_place(surface: Surface, scenario: Scenario, rng: np.random.Generator) -> Observer:
+def draw_place(
+    surface: Surface,
+    scenario: Scenario,
+    rng: np.random.Generator,
+    allowed: NDArray[np.bool_] | None = None,
+) -> Observer:
+    """The camera at a place that meets the scenario's conditions.
+
+    ``allowed`` (rows, cols) narrows a drawn place down further.
+
+    Raises:
+        SimulationError: there is no such place.
+    """
     conditions = scenario.place
     if conditions.lat_deg is not None and conditions.lon_deg is not None:
         row, col = (float(x) for x in surface.terrain.row_col(conditions.lon_deg, conditions.lat_deg))
@@ -241,7 +253,8 @@ def _draw_place(surface: Surface, scenario: Scenario, rng: np.random.Generator) 
             )
         return _eye(surface, scenario, row, col)
     inside_m = _distance_from_edge_m(surface)
-    candidates = np.argwhere(inside_m > conditions.edge_margin_m)
+    suits = inside_m > conditions.edge_margin_m
+    candidates = np.argwhere(suits if allowed is None else suits & allowed)
     for _ in range(PLACE_DRAWS if len(candidates) else 0):
         row, col = candidates[rng.integers(len(candidates))] + rng.uniform(-0.5, 0.5, 2)
         drivable = surface.slope_deg(row, col) < conditions.max_slope_deg

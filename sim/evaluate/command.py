@@ -1,0 +1,89 @@
+"""``sim evaluate``: how good the localizer is, in figures."""
+
+from pathlib import Path
+from typing import Literal
+
+import click
+
+from sim.failures import one_line_failures
+
+# What draws and locates cases is slow to import, and --help and bad usage should not wait for it.
+
+
+@click.command()
+@click.option(
+    "--dem",
+    "dems",
+    type=click.Path(path_type=Path),
+    multiple=True,
+    required=True,
+    metavar="FILE",
+    help="Elevation raster; the cases are spread evenly over those given.",
+)
+@click.option(
+    "--scenario",
+    "scenario_path",
+    type=click.Path(path_type=Path),
+    required=True,
+    metavar="FILE",
+    help="TOML file with the errors that are drawn; see configs/scenarios/evaluate.",
+)
+@click.option(
+    "--out",
+    "folder",
+    type=click.Path(path_type=Path, file_okay=False),
+    required=True,
+    metavar="DIR",
+    help="Where table, summary and plots go; a table that is there already is continued.",
+)
+@click.option("--cases", type=click.IntRange(min=1), default=100, show_default=True, metavar="N")
+@click.option("--only", type=click.IntRange(min=0), multiple=True, metavar="CASE", help="Just this case.")
+@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
+@click.option(
+    "--level",
+    type=click.Choice(["contour"]),
+    default="contour",
+    show_default=True,
+    help="Where cases start: contours, without pictures.",
+)
+@click.option(
+    "--estimator-only",
+    is_flag=True,
+    help="Take the contours from the very surface that is searched, so that only the estimator errs.",
+)
+@click.option(
+    "--jobs", type=click.IntRange(1, 256), default=1, show_default=True, help="Processes side by side."
+)
+@click.option("--fresh", is_flag=True, help="Begin anew where there is a table already.")
+@one_line_failures
+def evaluate(
+    dems: tuple[Path, ...],
+    scenario_path: Path,
+    folder: Path,
+    cases: int,
+    only: tuple[int, ...],
+    seed: int,
+    level: Literal["contour", "image"],
+    estimator_only: bool,
+    jobs: int,
+    fresh: bool,
+) -> None:
+    """Make many cases, locate each, and sum up how that went.
+
+    Writes cases.csv, summary.json, summary.md and plots. The same seed makes the same cases, however many jobs there
+    are; an interrupted run continues where it was.
+
+    Example: sim evaluate --dem dem.tif --scenario configs/scenarios/evaluate/realistic.toml --cases 200 --out results
+    """
+    from sim.evaluate.case import Experiment
+    from sim.evaluate.progress import counting
+    from sim.evaluate.report import write_report
+    from sim.evaluate.run import run_cases
+    from sim.evaluate.scenario import load_evaluation_scenario
+
+    experiment = Experiment(dems, load_evaluation_scenario(scenario_path), seed, level, estimator_only)
+    folder.mkdir(parents=True, exist_ok=True)
+    numbers = sorted(set(only)) or list(range(cases))
+    with counting(len(numbers)) as report:
+        rows = run_cases(experiment, numbers, folder / "cases.csv", jobs, fresh, report)
+    click.echo(write_report(rows, scenario_path.stem, folder))

@@ -1,0 +1,200 @@
+"""The Cramér-Rao bound of the position: no unbiased estimator can do better with these contours and these sensors.
+
+Computed from the simulator's own geometry and the scenario's noise, without the localizer: the exact contour is
+differentiated numerically by everything that is unknown, and the information of the columns and the sensors is added up.
+
+The camera stands on the DEM's ground at the mast's height; how far a DEM with errors is off there and at the skyline is part
+of the noise. Columns that show something else than terrain are taken to be known, hence left out.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.contour import skyline_contour, undistorted
+from sim.evaluate.disturb import Disturbed
+from sim.evaluate.scenario import EvaluationScenario
+from sim.evaluate.truth import NO_COMPASS_SIGMA_DEG, TrueFrame, Truth
+from sim.mechanics import camera_in_world
+from sim.scenario import CameraOptics
+from sim.surface import Observer, Surface
+
+Array = NDArray[np.float64]
+
+EAST, NORTH, ALTITUDE, AZIMUTH_BIAS, TILT_BIAS, FIRST_FRAME = range(6)
+STEP_M = 0.5
+STEP_DEG = 0.01
+COLUMNS_EACH = 4  # one column of these is differentiated, and stands for all
+LEAST_SIGMA_PX = 1e-3
+LEAST_SIGMA_DEG = 1e-6
+GROUND_SIGMA_M = 0.01  # mast height
+
+
+@dataclass(frozen=True)
+class Bound:
+    """Covariances (2, 2) of true east and north, metres squared; None where the contours do not determine the place.
+
+    ``free_altitude_m2`` forgets that the camera stands on the DEM's ground: altitude comes from the altimeter alone.
+    """
+
+    covariance_m2: Array | None
+    free_altitude_m2: Array | None
+
+
+def rms_m(covariance_m2: Array | None) -> float | None:
+    """Root of the mean squared distance that a covariance stands for."""
+    return None if covariance_m2 is None else float(np.sqrt(np.trace(covariance_m2)))
+
+
+def cramer_rao_bound(
+    truth: Truth, scenario: EvaluationScenario, columns_px: Array, disturbed: Disturbed
+) -> Bound:
+    """The bound of one case at contour level."""
+    parts = []
+    for rows, genuine in zip(disturbed.rows_px, disturbed.genuine, strict=True):
+        use = np.nonzero(np.isfinite(rows) & genuine)[0][COLUMNS_EACH // 2 :: COLUMNS_EACH]
+        parts.append(columns_px[use])
+    jacobian = contour_jacobian(truth, scenario.camera, parts)
+    ok = np.isfinite(jacobian).all(axis=1)
+    noise = _noise(truth, scenario, parts)[np.ix_(ok, ok)]
+    ground = _ground_row(truth.surface, truth.observer, jacobian.shape[1])
+    with_ground = np.vstack([jacobian[ok], ground])
+    rms = scenario.dem_error.rms_m if scenario.dem_error else 0.0
+    ground_noise = np.zeros((len(noise) + 1, len(noise) + 1))
+    ground_noise[:-1, :-1] = noise
+    ground_noise[-1, -1] = rms**2 + GROUND_SIGMA_M**2
+    prior = _prior_information(scenario, jacobian.shape[1])
+    return Bound(
+        covariance_m2=position_covariance(with_ground, ground_noise, prior),
+        free_altitude_m2=position_covariance(jacobian[ok], noise, prior),
+    )
+
+
+def position_covariance(jacobian: Array, noise: Array, prior: Array) -> Array | None:
+    """Covariance (2, 2) of east and north; None where they are not determined.
+
+    Args:
+        jacobian: of the observations (n, m) by the unknowns, east and north first.
+        noise: covariance (n, n) of the observations.
+        prior: information (m,) that there is about each unknown without them.
+    """
+    information = jacobian.T @ np.linalg.solve(noise, jacobian) + np.diag(prior)
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-30))
+    scaled = information * np.outer(scale, scale)
+    if np.linalg.cond(scaled) > 1e13:
+        return None
+    covariance: Array = (np.linalg.inv(scaled) * np.outer(scale, scale))[:2, :2]
+    return covariance
+
+
+def contour_jacobian(truth: Truth, optics: CameraOptics, columns_px: list[Array]) -> Array:
+    """Change of the contours' rows (n, 5 + 3 frames) by east, north, altitude (px/m), biases and frames' errors (px/deg).
+
+    Errors are measured minus true; ``columns_px`` are those of each frame.
+    """
+    surface, here = truth.surface, truth.observer
+    steps = [(STEP_M, 0.0, 0.0), (0.0, STEP_M, 0.0), (0.0, 0.0, STEP_M)]
+    moved = [(_moved(surface, here, *step), _moved(surface, here, *(-s for s in step))) for step in steps]
+    blocks = []
+    for number, (frame, columns) in enumerate(zip(truth.frames, columns_px, strict=True)):
+        block = np.zeros((len(columns), FIRST_FRAME + 3 * len(truth.frames)))
+        for k, (ahead, behind) in enumerate(moved):
+            block[:, k] = (
+                skyline_contour(surface, ahead, optics, frame.rotation, columns)
+                - skyline_contour(surface, behind, optics, frame.rotation, columns)
+            ) / (2.0 * STEP_M)
+        own = _by_attitude(surface, here, optics, frame, columns)
+        block[:, FIRST_FRAME + 3 * number :][:, :3] = own
+        block[:, AZIMUTH_BIAS], block[:, TILT_BIAS] = own[:, 0], own[:, 1]
+        blocks.append(block)
+    return np.vstack(blocks)
+
+
+def _by_attitude(
+    surface: Surface, here: Observer, optics: CameraOptics, frame: TrueFrame, columns: Array
+) -> Array:
+    """By measured minus true azimuth, tilt and roll (n, 3): the truth is the measured less the error."""
+    attitude = np.array([frame.attitude.heading_deg, frame.attitude.pitch_deg, frame.attitude.roll_deg])
+    out = np.empty((len(columns), 3))
+    for k, step in enumerate(np.eye(3) * STEP_DEG):
+        ahead, behind = (
+            skyline_contour(surface, here, optics, camera_in_world(*turned), columns)
+            for turned in (attitude - step, attitude + step)
+        )
+        out[:, k] = (ahead - behind) / (2.0 * STEP_DEG)
+    return out
+
+
+def _moved(surface: Surface, here: Observer, east_m: float, north_m: float, up_m: float) -> Observer:
+    row, col = _lattice_at(surface, here, east_m, north_m)
+    return surface.observer(row, col, here.altitude_m + up_m)
+
+
+def _lattice_at(surface: Surface, here: Observer, east_m: float, north_m: float) -> tuple[float, float]:
+    azimuth = np.degrees(np.arctan2(east_m, north_m))
+    row, col = surface.lattice(here, np.array([azimuth]), np.array([np.hypot(east_m, north_m)]))
+    return float(row[0]), float(col[0])
+
+
+def _ground_row(surface: Surface, here: Observer, size: int) -> Array:
+    """The observation "altitude less ground less mast is zero", differentiated by all unknowns (size,)."""
+    slope = [
+        (
+            surface.height(*_lattice_at(surface, here, *ahead))
+            - surface.height(*_lattice_at(surface, here, *back))
+        )
+        / (2.0 * STEP_M)
+        for ahead, back in (((STEP_M, 0.0), (-STEP_M, 0.0)), ((0.0, STEP_M), (0.0, -STEP_M)))
+    ]
+    row = np.zeros(size)
+    row[EAST], row[NORTH], row[ALTITUDE] = -slope[0], -slope[1], 1.0
+    return row
+
+
+def _prior_information(scenario: EvaluationScenario, size: int) -> Array:
+    errors = scenario.errors
+    sigma = np.full(size, np.inf)
+    if errors.altimeter:
+        sigma[ALTITUDE] = errors.altitude_sigma_m
+    if errors.azimuth_bias_sigma_deg < NO_COMPASS_SIGMA_DEG:
+        sigma[AZIMUTH_BIAS] = max(errors.azimuth_bias_sigma_deg, LEAST_SIGMA_DEG)
+    sigma[TILT_BIAS] = max(errors.tilt_bias_sigma_deg, LEAST_SIGMA_DEG)
+    own = [errors.azimuth_sigma_deg, errors.tilt_sigma_deg, errors.roll_sigma_deg]
+    sigma[FIRST_FRAME:] = np.tile(np.maximum(own, LEAST_SIGMA_DEG), (size - FIRST_FRAME) // 3)
+    return np.asarray(sigma**-2.0)
+
+
+def _noise(truth: Truth, scenario: EvaluationScenario, columns_px: list[Array]) -> Array:
+    """Covariance (n, n), px^2, of the chosen columns, each of which stands for COLUMNS_EACH."""
+    errors = scenario.errors
+    columns = np.concatenate(columns_px)
+    frame_of = np.repeat(np.arange(len(columns_px)), [len(c) for c in columns_px])
+    white = max(errors.contour_sigma_px, LEAST_SIGMA_PX) ** 2 / COLUMNS_EACH
+    noise = white * np.eye(len(columns))
+    if errors.contour_correlated_sigma_px > 0.0:
+        apart = (columns[:, None] - columns[None, :]) / errors.contour_correlation_px
+        same = frame_of[:, None] == frame_of[None, :]
+        noise += errors.contour_correlated_sigma_px**2 * np.exp(-(apart**2)) * same
+    if scenario.dem_error is not None:
+        east, north, per_m = _crests(truth, scenario.camera, columns_px)
+        far2 = (east[:, None] - east[None, :]) ** 2 + (north[:, None] - north[None, :]) ** 2
+        alike = np.exp(-far2 / scenario.dem_error.correlation_m**2)
+        noise += scenario.dem_error.rms_m**2 * alike * np.outer(per_m, per_m)
+    return noise
+
+
+def _crests(truth: Truth, optics: CameraOptics, columns_px: list[Array]) -> tuple[Array, Array, Array]:
+    """Where the skyline's terrain stands, east and north of the camera in metres, and pixels per metre of its height."""
+    easts, norths, rates = [], [], []
+    intrinsics = np.array([optics.fx_px, optics.fy_px, optics.cx_px, optics.cy_px, *optics.distortion])
+    for frame, columns in zip(truth.frames, columns_px, strict=True):
+        rows = skyline_contour(truth.surface, truth.observer, optics, frame.rotation, columns)
+        rays = np.array([[*undistorted(intrinsics, u, v), 1.0] for u, v in zip(columns, rows, strict=True)])
+        east, north, _ = frame.rotation @ rays.reshape(-1, 3).T
+        azimuth = np.arctan2(east, north)
+        _, distance_m = truth.surface.horizon(truth.observer, np.degrees(azimuth))
+        easts.append(distance_m * np.sin(azimuth))
+        norths.append(distance_m * np.cos(azimuth))
+        rates.append(optics.fy_px / distance_m)
+    return np.concatenate(easts), np.concatenate(norths), np.concatenate(rates)

@@ -1,0 +1,36 @@
+"""What is seen of a long run: on a terminal a bar with the time left, else a line now and then; on standard error."""
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from sim.evaluate.row import CaseRow
+from sim.evaluate.summary import is_wrong_fix
+
+LINES = 20  # in a whole run
+
+
+@contextmanager
+def counting(cases: int) -> Iterator[Callable[[CaseRow], None]]:
+    """A function to be told of each row as it is finished."""
+    console = Console(stderr=True)
+    seen: Counter[str] = Counter()
+    columns = BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("{task.description}")
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("", total=cases)
+
+        def report(row: CaseRow) -> None:
+            seen[row.status] += 1
+            if is_wrong_fix(row):
+                seen["wrong"] += 1
+                console.print(f"case {row.case}: wrong fix on {row.dem}", markup=False, highlight=False)
+            so_far = ", ".join(f"{count} {name}" for name, count in sorted(seen.items()))
+            bar.update(task, advance=1, description=so_far)
+            done = seen["fix"] + seen["ambiguous"] + seen["none"]
+            if not console.is_terminal and done % max(cases // LINES, 1) == 0:
+                console.print(f"{done} of {cases}: {so_far}", markup=False, highlight=False)
+
+        yield report

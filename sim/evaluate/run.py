@@ -1,0 +1,83 @@
+"""All cases of an experiment, on several processors if wanted, whatever interrupts them."""
+
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from pathlib import Path
+
+from sim.evaluate.case import Experiment, run_case
+from sim.evaluate.row import CaseRow
+from sim.evaluate.table import append_row, read_table, settings_of, start_table
+
+ONE_THREAD = {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+
+
+def run_cases(
+    experiment: Experiment,
+    cases: Sequence[int],
+    table: Path,
+    jobs: int = 1,
+    fresh: bool = False,
+    report: Callable[[CaseRow], None] = lambda _row: None,
+) -> list[CaseRow]:
+    """The rows of the cases; those that ``table`` has already are not computed again.
+
+    Each row is on disk before ``report`` is told of it. With more than one job the cases run in processes of their own,
+    with one thread each; what a case is does not depend on it.
+
+    Raises:
+        SimulationError: a DEM cannot be used, or the table was made with other settings.
+    """
+    settings = settings_of(experiment)
+    rows = {} if fresh else read_table(table, settings)
+    start_table(table, settings, list(rows.values()))
+    missing = [case for case in cases if case not in rows]
+    for row in _in_processes(experiment, missing, jobs) if jobs > 1 else _here(experiment, missing):
+        append_row(table, row)
+        rows[row.case] = row
+        report(row)
+    start_table(table, settings, list(rows.values()))
+    return [rows[case] for case in cases]
+
+
+def _here(experiment: Experiment, cases: Sequence[int]) -> Iterator[CaseRow]:
+    for case in cases:
+        yield run_case(experiment, case)
+
+
+def _in_processes(experiment: Experiment, cases: Sequence[int], jobs: int) -> Iterator[CaseRow]:
+    if not cases:
+        return
+    with _environment(ONE_THREAD):
+        # New processes rather than forks: numba must start with the number of threads that is wanted.
+        pool = ProcessPoolExecutor(
+            min(jobs, len(cases)), multiprocessing.get_context("spawn"), initializer=_leave_interrupts_alone
+        )
+        try:
+            waiting: list[Future[CaseRow]] = [pool.submit(run_case, experiment, case) for case in cases]
+            for done in as_completed(waiting):
+                yield done.result()
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _leave_interrupts_alone() -> None:
+    """Ctrl-C reaches the whole process group: the parent decides, the workers finish the case at hand."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+@contextmanager
+def _environment(changes: dict[str, str]) -> Iterator[None]:
+    before = {name: os.environ.get(name) for name in changes}
+    os.environ.update(changes)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value

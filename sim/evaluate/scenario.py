@@ -1,0 +1,133 @@
+"""What an evaluation's cases are drawn from.
+
+At contour level there are no devices: errors are given as the sigmas that the localizer's input has. What is drawn
+(``errors``) and what the localizer is told of it (``told``) are two things, the same unless a scenario says otherwise.
+"""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from sim.scenario import CameraOptics, Finite, NonNegative, Place, Positive, Section, read_toml
+
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
+
+
+class Vehicle(Section):
+    """The base under the camera."""
+
+    mast_height_m: Positive = 2.0
+    max_tilt_deg: Annotated[float, Field(ge=0.0, le=30.0)] = (
+        0.0  # lean of the base; the camera's roll follows
+    )
+
+
+class View(Section):
+    """Where the camera looks; its tilt puts the skyline about the middle of the image."""
+
+    azimuths_deg: tuple[Finite, ...] = (0.0, 90.0, 180.0, 270.0)
+    drawn_frames: tuple[int, int] | None = None  # that many (from, to) at any azimuths instead
+
+    @model_validator(mode="after")
+    def _some_frames(self) -> "View":
+        least, most = self.drawn_frames or (len(self.azimuths_deg),) * 2
+        if not 1 <= least <= most <= 32:
+            raise ValueError("1 to 32 frames, the smaller number first")
+        return self
+
+
+class Errors(Section):
+    """Sigmas of what is drawn for each case (bias) and for each frame or column."""
+
+    altimeter: bool = True
+    altitude_sigma_m: Positive = 5.0
+    azimuth_bias_sigma_deg: NonNegative = 0.005  # 180: any heading at all
+    tilt_bias_sigma_deg: NonNegative = 0.005
+    azimuth_sigma_deg: NonNegative = 0.005
+    tilt_sigma_deg: NonNegative = 0.005
+    roll_sigma_deg: NonNegative = 0.005
+    contour_sigma_px: NonNegative = 0.0  # of each column by itself
+    contour_correlated_sigma_px: NonNegative = 0.0  # of errors that neighbours share, ...
+    contour_correlation_px: Positive = 10.0  # ... over about so many columns
+
+
+class Told(Section):
+    """What the localizer is told where that differs from ``errors``."""
+
+    altitude_sigma_m: Positive | None = None
+    azimuth_bias_sigma_deg: NonNegative | None = None
+    tilt_bias_sigma_deg: NonNegative | None = None
+    azimuth_sigma_deg: NonNegative | None = None
+    tilt_sigma_deg: NonNegative | None = None
+    roll_sigma_deg: NonNegative | None = None
+    contour_sigma_px: Positive | None = None
+
+
+class DemError(Section):
+    """What the searched DEM does not know: a random field of heights added to the truth's."""
+
+    rms_m: Positive
+    correlation_m: Positive = 200.0  # where the correlation has fallen to 1/e
+
+
+class Foreground(Section):
+    """Bushes, boulders and masts that stand above the terrain's skyline."""
+
+    per_frame: NonNegative = 1.5  # mean number
+    width_deg: Positive = 4.0  # median
+    height_deg: Positive = 1.5  # mean, above the skyline
+    noticed: Share = 0.5  # of them are declared untrustworthy, that is, dropped
+
+
+class Occlusion(Section):
+    """Something near fills the view of some directions: a wall, a slope of rubble, trees."""
+
+    frames: Annotated[int, Field(ge=1)] = 1
+    missing: Share = 0.5  # of them have no contour; the others have the wrong thing's
+    height_deg: Positive = 6.0  # mean, above the skyline
+
+
+class Cloud(Section):
+    """Cloud over stretches of the skyline: terrain above its base is hidden, and a lower edge is taken for the skyline."""
+
+    per_frame: NonNegative = 1.0
+    width_deg: Positive = 15.0  # median
+    lowest_share: Share = (
+        0.3  # base: from this share of the way from the camera up to the highest peak in view to ...
+    )
+    highest_share: Share = 1.0  # ... this share
+    noticed: Share = 0.5  # of the stretches are declared untrustworthy
+
+
+class EvaluationScenario(Section):
+    """All of it. Absent sections do not happen."""
+
+    place: Place = Place()
+    vehicle: Vehicle = Vehicle()
+    view: View = View()
+    camera: CameraOptics = CameraOptics()
+    errors: Errors = Errors()
+    told: Told = Told()
+    dem_error: DemError | None = None
+    foreground: Foreground | None = None
+    occlusion: Occlusion | None = None
+    cloud: Cloud | None = None
+    searched: Literal["all", "other half"] = (
+        "all"  # of the DEM; in the other half the truth is not to be found
+    )
+    outside_margin_m: NonNegative = 1000.0  # the truth stays this far from what is searched
+
+    def told_of(self, name: str) -> float:
+        """The sigma that the localizer is told, by the name of its error."""
+        told = getattr(self.told, name)
+        return float(getattr(self.errors, name) if told is None else told)
+
+
+def load_evaluation_scenario(path: Path) -> EvaluationScenario:
+    """Read a scenario from a TOML file.
+
+    Raises:
+        SimulationError: the file cannot be read, is no TOML, or has an unknown key or a bad value.
+    """
+    return read_toml(path, EvaluationScenario, "configs/scenarios/evaluate/realistic.toml")
