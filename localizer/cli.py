@@ -69,6 +69,14 @@ def localizer() -> None:
     help="Draw the frames, the map and the fix (.png, .svg, .pdf).",
 )
 @click.option(
+    "--report",
+    "report_folder",
+    metavar="DIR",
+    type=click.Path(path_type=Path),
+    help="Write a page with all about the result, a raster of probabilities and the places as GeoJSON, GPX and KML "
+    "into this folder.",
+)
+@click.option(
     "--truth",
     "truth_path",
     metavar="FILE",
@@ -81,6 +89,7 @@ def locate(
     dem_paths: tuple[Path, ...],
     as_json: bool,
     plot_path: Path | None,
+    report_folder: Path | None,
     truth_path: Path | None,
     vertical_unit: str | None,
     crs: str | None,
@@ -91,7 +100,7 @@ def locate(
     Ends with status 0 if one place stands out, 3 if several do, 4 if the frames fit no place, and 2 if the input
     is bad.
 
-    Example: localizer locate bundles/20261123T043151Z-3f9a --dem terrain.tif --plot fix.png
+    Example: localizer locate bundles/20261123T043151Z-3f9a --dem terrain.tif --report report
     """
     if plot_path is not None:
         _check_plot_path(plot_path)
@@ -102,16 +111,104 @@ def locate(
     if zeros:
         click.echo(f"localizer: {zeros_note(zeros)}", err=True)
 
+    if report_folder is not None:
+        from localizer.export.folder import prepare_folder
+
+        prepare_folder(report_folder)
+
     from localizer.locate import locate_bundle  # slow to import, and bad input should be told at once
 
     result = locate_bundle(bundle, dem)
     click.echo(result.fix.to_json() if as_json else report(result.fix, dem, truth))
+    if plot_path is not None or report_folder is not None:
+        images = {frame.label: frame_image(bundle, frame) for frame in bundle.frames}
     if plot_path is not None:
         from localizer.plot import draw_fix
 
-        images = {frame.label: frame_image(bundle, frame) for frame in bundle.frames}
         draw_fix(plot_path, images, result, dem, truth)
+    if report_folder is not None:
+        from localizer.export.folder import write_report
+
+        write_report(report_folder, bundle, images, result, dem, truth)
     return result.fix.exit_status
+
+
+@localizer.command()
+@click.argument(
+    "bundle_paths", metavar="BUNDLE...", nargs=-1, required=True, type=click.Path(path_type=Path)
+)
+@click.option(
+    "--dem",
+    "dem_paths",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    required=True,
+    multiple=True,
+    help="Elevation file; repeat it for files that adjoin.",
+)
+@click.option(
+    "--odometry",
+    "odometry_path",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="How the vehicle moved from each bundle to the next (JSON Lines, see above); unknown without it.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print a JSON object for each bundle (skyfix.track/1).")
+@click.option(
+    "--plot",
+    "plot_path",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="Draw the hypotheses and the way (.png, .svg, .pdf).",
+)
+@click.option(
+    "--truth",
+    "truth_paths",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    multiple=True,
+    help="JSON file with a true place, once for each bundle, to compare with; the search does not see it.",
+)
+@dem_options
+def track(
+    bundle_paths: tuple[Path, ...],
+    dem_paths: tuple[Path, ...],
+    odometry_path: Path | None,
+    as_json: bool,
+    plot_path: Path | None,
+    truth_paths: tuple[Path, ...],
+    vertical_unit: str | None,
+    crs: str | None,
+    nodata: float | None,
+) -> int:
+    """Follow a vehicle through bundles in the order given, and keep every place that is possible until one remains.
+
+    Once that is known, the next bundle is searched for near there, and in the whole DEM if it does not fit there.
+    Ends with the status of the last bundle's fix: 0 fix, 3 ambiguous, 4 none; 2 if the input is bad.
+
+    The odometry has a line for each leg between two bundles, one of
+
+    \b
+      {"distance_m": 200, "distance_sigma_m": 4, "heading_deg": 90, "heading_sigma_deg": 2}
+      {"east_m": 200, "north_m": 0, "sigma_m": 5}
+      {"east_m": 200, "north_m": 0, "covariance_m2": [[25, 0], [0, 16]]}
+      {"unknown": true}
+
+    where headings, east and north are true, distances horizontal, and sigmas one standard deviation.
+
+    Example: localizer track bundles/* --dem terrain.tif --odometry legs.jsonl --plot track.png
+    """
+    if plot_path is not None:
+        _check_plot_path(plot_path)
+    truths = [load_truth(path) for path in truth_paths]
+
+    from localizer.track.command import run_track
+
+    dem = load_dem(dem_paths, vertical_unit=vertical_unit, crs=crs, nodata=nodata)
+    zeros = suspect_zeros(dem.z_m)
+    if zeros:
+        click.echo(f"localizer: {zeros_note(zeros)}", err=True)
+    return run_track(bundle_paths, dem, odometry_path, as_json, plot_path, truths)
 
 
 @localizer.group()

@@ -55,7 +55,7 @@ def draw_fix(
     )
     _draw_frames(figure, whole[0, 0], images, result)
     right = GridSpecFromSubplotSpec(2, 1, whole[0, 1], height_ratios=(2.3, 1.0), hspace=0.2)
-    _draw_map(figure.add_subplot(right[0, 0]), result, dem, truth)
+    draw_map(figure.add_subplot(right[0, 0]), result, dem, truth)
     below = GridSpecFromSubplotSpec(1, 2, right[1, 0], width_ratios=(1.25, 1.0), wspace=0.05)
     _draw_zoom(figure.add_subplot(below[0, 0]), result, dem, truth)
     _draw_legend(figure.add_subplot(below[0, 1]), result, truth)
@@ -89,7 +89,7 @@ def _draw_frames(
     )
     for i, frame in enumerate(frames):
         axes = figure.add_subplot(grid[i // across, i % across])
-        _draw_frame(axes, images[frame.label], frame, result.fix.residual.get(frame.label))
+        draw_frame(axes, images[frame.label], frame, result.fix.residual.get(frame.label))
     axes = figure.add_subplot(grid[down, :])
     axes.axis("off")
     axes.legend(
@@ -105,7 +105,7 @@ def _draw_frames(
     )
 
 
-def _draw_frame(axes: Axes, image: NDArray[np.uint8], frame: FrameDetail, residual_px: float | None) -> None:
+def draw_frame(axes: Axes, image: NDArray[np.uint8], frame: FrameDetail, residual_px: float | None) -> None:
     height_px, width_px = image.shape[:2]
     axes.imshow(image[:, :, ::-1], interpolation="antialiased")
     for chosen, colour in ((~frame.used, DOUBTFUL), (frame.used, FOUND)):
@@ -134,7 +134,7 @@ def _broken_line(u_px: Floats, v_px: Floats) -> tuple[Floats, Floats]:
 # ---- the map
 
 
-def _draw_map(axes: Axes, result: LocateResult, dem: Dem, truth: Truth | None) -> None:
+def draw_map(axes: Axes, result: LocateResult, dem: Dem, truth: Truth | None) -> None:
     """The whole DEM, in kilometres of its metric CRS, with what each step of stage 1 left."""
     corner_easting_m, corner_northing_m = rowcol_to_metric(
         dem, [0.0, 0.0, dem.rows - 1, dem.rows - 1], [0.0, dem.cols - 1, 0.0, dem.cols - 1]
@@ -146,7 +146,7 @@ def _draw_map(axes: Axes, result: LocateResult, dem: Dem, truth: Truth | None) -
         corner_northing_m.max(),
     )
     draw_relief(axes, dem, bounds_m, unit_m=1000.0)
-    for _, cells, colour, area in _stages(result.details):
+    for _, cells, colour, area in stages(result.details):
         easting_m, northing_m = rowcol_to_metric(dem, cells[:, 0], cells[:, 1])
         axes.scatter(
             easting_m / 1000.0, northing_m / 1000.0, s=area, c=colour, marker="s", lw=0.0, rasterized=True
@@ -154,10 +154,10 @@ def _draw_map(axes: Axes, result: LocateResult, dem: Dem, truth: Truth | None) -
     _draw_places(axes, result.fix, dem, truth, 1000.0, (0.0, 0.0))
     axes.set_xlabel(f"easting, km   ({dem.metric_crs.name})", fontsize=9, labelpad=2)
     axes.set_ylabel("northing, km", fontsize=9, labelpad=2)
-    _few_ticks(axes, 7)
+    few_ticks(axes, 7)
 
 
-def _stages(details: LocateDetails) -> list[tuple[str, NDArray[np.int64], str, float]]:
+def stages(details: LocateDetails) -> list[tuple[str, NDArray[np.int64], str, float]]:
     """Name, cells, colour and area of a cell's mark for each step; the last step always has the last colour."""
     steps = list(details.survivors.items())
     along = np.linspace(1.0, 0.0, len(steps))[::-1]
@@ -192,7 +192,7 @@ def _draw_zoom(axes: Axes, result: LocateResult, dem: Dem, truth: Truth | None) 
         origin_m[1] + half_m,
     )
     draw_relief(axes, dem, bounds_m, origin_m=origin_m)
-    _outline_cells(axes, dem, bounds_m, origin_m)
+    outline_cells(axes, dem, bounds_m, origin_m)
     axes.add_patch(
         Ellipse(
             (0.0, 0.0),
@@ -206,10 +206,10 @@ def _draw_zoom(axes: Axes, result: LocateResult, dem: Dem, truth: Truth | None) 
     )
     _draw_places(axes, result.fix, dem, truth, 1.0, origin_m)
     axes.set_xlabel("metres from the fix", fontsize=9, labelpad=2)
-    _few_ticks(axes, 5)
+    few_ticks(axes, 5)
 
 
-def _outline_cells(
+def outline_cells(
     axes: Axes, dem: Dem, bounds_m: tuple[float, float, float, float], origin_m: tuple[float, float]
 ) -> None:
     """The borders of the DEM's cells, for scale, where there are few enough of them."""
@@ -257,7 +257,7 @@ TRUE_MARKS = (
 )
 
 
-def _few_ticks(axes: Axes, most: int) -> None:
+def few_ticks(axes: Axes, most: int) -> None:
     axes.tick_params(labelsize=9)
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(MaxNLocator(nbins=most, steps=[1, 2, 5, 10]))
@@ -271,7 +271,7 @@ def _draw_legend(axes: Axes, result: LocateResult, truth: Truth | None) -> None:
             Line2D([], [], ls="", marker="s", mfc=colour, mec="none", ms=7.0),
             f"{len(cells):,} cells left after {name}",
         )
-        for name, cells, colour, _ in _stages(result.details)
+        for name, cells, colour, _ in stages(result.details)
     ]
     if result.fix.status == "ambiguous":
         handles.append((CANDIDATE_MARK, f"{len(result.fix.candidates)} candidates"))

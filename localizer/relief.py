@@ -26,14 +26,15 @@ def draw_relief(
     *,
     unit_m: float = 1.0,
     origin_m: tuple[float, float] = (0.0, 0.0),
+    pixels: int = PIXELS,
 ) -> None:
     """Draw the rectangle west, east, south, north of the DEM's metric CRS.
 
     The axes then count ``unit_m`` from ``origin_m`` (easting, northing). The relief is sampled from the lattice,
-    whatever CRS that has of its own.
+    whatever CRS that has of its own, ``pixels`` on its longer side.
     """
     west_m, east_m, south_m, north_m = bounds_m
-    step_m = max(east_m - west_m, north_m - south_m) / PIXELS
+    step_m = max(east_m - west_m, north_m - south_m) / pixels
     across, down = (max(2, round(size / step_m)) for size in (east_m - west_m, north_m - south_m))
     easting_m = west_m + (np.arange(across) + 0.5) * (east_m - west_m) / across
     northing_m = north_m - (np.arange(down) + 0.5) * (north_m - south_m) / down

@@ -95,7 +95,7 @@ def lat_lon(position: Position) -> str:
 
 def report(fix: Fix, dem: Dem, truth: Truth | None = None) -> str:
     """The fix in lines for people to read."""
-    lines = [f"bundle      {fix.bundle}", f"status      {_STATUS[fix.status]}"]
+    lines = [f"bundle      {fix.bundle}", f"status      {STATUS_IN_WORDS[fix.status]}"]
     if fix.position is not None:
         lines += _position_lines(fix, fix.position, dem)
     if fix.position is not None and truth is not None:
@@ -109,7 +109,7 @@ def report(fix: Fix, dem: Dem, truth: Truth | None = None) -> str:
     return "\n".join(lines)
 
 
-_STATUS = {
+STATUS_IN_WORDS = {
     "fix": "fix: one place stands out",
     "ambiguous": "ambiguous: several places fit, or one that is poorly known",
     "none": "none: the frames fit no place in this DEM",

@@ -204,7 +204,13 @@ def a_result(status):
     survivors = {name: np.argwhere(np.ones((n, 2))) for name, n in (("altitude", 20), ("E", 5), ("N", 2))}
     return LocateResult(
         fix,
-        LocateDetails(frames, survivors, np.array([[19.4, 9.8]]), np.array([[[9.0, 0.0], [0.0, 4.0]]]), None),
+        LocateDetails(
+            frames,
+            survivors,
+            np.array([[19.4, 9.8]])[: len(fix.candidates)],
+            np.array([[[9.0, 0.0], [0.0, 4.0]]])[: len(fix.candidates)],
+            None,
+        ),
     )
 
 
@@ -277,6 +283,18 @@ def test_locate_draws_the_picture(run, searched, bundle_dir, dem_file, tmp_path,
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.parametrize("status", ["fix", "none"])
+def test_locate_writes_a_report_into_a_folder_that_it_makes(
+    run, searched, bundle_dir, dem_file, tmp_path, status
+):
+    searched(status)
+    folder = tmp_path / "reports" / "first"
+    out = run("locate", bundle_dir, "--dem", dem_file, "--json", "--report", folder)[1]
+    assert json.loads(out)["status"] == status
+    assert "<!doctype html>" in (folder / "report.html").read_text()
+    assert (folder / "fix.gpx").exists() == (status == "fix")
+
+
 def test_locate_warns_of_zeros_that_look_like_voids_on_standard_error(
     run, searched, bundle_dir, write_raster
 ):
@@ -299,6 +317,12 @@ def test_every_bad_input_of_locate_is_told_in_one_line_before_the_search(
     assert "--plot" in refused("locate", bundle_dir, "--dem", dem_file, "--plot", tmp_path / "fix.doc")
     assert "no such folder" in refused(
         "locate", bundle_dir, "--dem", dem_file, "--plot", tmp_path / "nowhere" / "fix.png"
+    )
+    assert "is a file; name a folder" in refused(
+        "locate", bundle_dir, "--dem", dem_file, "--report", dem_file
+    )
+    assert "Not a directory" in refused(
+        "locate", bundle_dir, "--dem", dem_file, "--report", dem_file / "below"
     )
     truth = tmp_path / "truth.json"
     assert "No such file" in refused("locate", bundle_dir, "--dem", dem_file, "--truth", truth)

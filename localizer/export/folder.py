@@ -1,0 +1,92 @@
+"""All files of a report in one folder, each of them complete or absent."""
+
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from localizer.bundle import Bundle
+from localizer.dem import Dem
+from localizer.details import LocateResult
+from localizer.errors import SkyfixError
+from localizer.export.geojson import candidates_geojson
+from localizer.export.gpx import fix_gpx
+from localizer.export.kml import fix_kml
+from localizer.export.page import page
+from localizer.export.places import Place, places
+from localizer.export.posterior import Posterior, posterior, posterior_tif
+from localizer.report import Truth
+
+PAGE = "report.html"
+BESIDE_IT = (
+    ("posterior.tif", "probability of each cell, GeoTIFF"),
+    ("candidates.geojson", "places and 95 % ellipses"),
+    ("fix.gpx", "for navigation devices"),
+    ("fix.kml", "for globes"),
+)
+
+
+def prepare_folder(folder: Path) -> None:
+    """Create the folder unless it is there, and make sure that files can be written: before a search, not after it.
+
+    Raises ``SkyfixError``.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except FileExistsError:
+        raise SkyfixError(f"--report: {folder}: is a file; name a folder") from None
+    except OSError as error:
+        raise SkyfixError(f"--report: {folder}: cannot be written: {error.strerror}") from None
+
+
+def write_report(
+    folder: Path,
+    bundle: Bundle,
+    images: Mapping[str, NDArray[np.uint8]],
+    result: LocateResult,
+    dem: Dem,
+    truth: Truth | None = None,
+) -> None:
+    """Write the page and what belongs beside it into a folder that ``prepare_folder`` has seen.
+
+    Where the result names no place there is only the page; files of an earlier report are removed, so that no old place
+    lies beside a new page. ``images``: each frame's picture, BGR, by label. Raises ``SkyfixError``.
+    """
+    found = places(result, dem)
+    spread = posterior(found, dem) if found else None
+    content = files_beside(found, spread, bundle, result, dem) if spread is not None else {}
+    beside = [(name, what) for name, what in BESIDE_IT if name in content]
+    html = page(bundle, images, result, dem, found, spread, beside, truth)
+    _replace_all(folder, {**content, PAGE: html.encode()})
+
+
+def files_beside(
+    found: Sequence[Place], spread: Posterior, bundle: Bundle, result: LocateResult, dem: Dem
+) -> dict[str, bytes]:
+    """The contents of all files but the page, by name."""
+    return {
+        "posterior.tif": posterior_tif(spread, dem),
+        "candidates.geojson": candidates_geojson(found, result.fix, bundle, dem).encode(),
+        "fix.gpx": fix_gpx(found, result.fix, bundle).encode(),
+        "fix.kml": fix_kml(found, result.fix, bundle).encode(),
+    }
+
+
+def _replace_all(folder: Path, content: Mapping[str, bytes]) -> None:
+    """Write all files aside, then rename them one by one, so that nobody ever sees half a file."""
+    name = ""
+    try:
+        with tempfile.TemporaryDirectory(prefix=".report-", dir=folder) as aside:
+            for name, data in content.items():
+                (Path(aside) / name).write_bytes(data)
+            for name, _ in BESIDE_IT:
+                if name not in content:
+                    (folder / name).unlink(missing_ok=True)
+            for name in content:
+                (Path(aside) / name).replace(folder / name)
+    except OSError as error:
+        raise SkyfixError(f"--report: {folder / name}: {error.strerror}") from None

@@ -1,0 +1,82 @@
+"""The candidates as GeoJSON (RFC 7946): a point and the ellipse that holds 95 % for each."""
+
+import json
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from localizer.bundle import Bundle
+from localizer.dem import Dem
+from localizer.export.places import Place, ellipse_ring_lonlat
+from localizer.fix import Fix
+
+DECIMALS = 7
+"""A centimetre."""
+
+Ring = list[tuple[float, float]]
+
+
+def candidates_geojson(places: Sequence[Place], fix: Fix, bundle: Bundle, dem: Dem) -> str:
+    """Points first, so that a program that takes the first feature takes the likeliest place."""
+    features = [
+        _feature(place, fix, bundle, "place", {"type": "Point", "coordinates": _rounded(place)})
+        for place in places
+    ]
+    features += [_feature(place, fix, bundle, "ellipse_95", _ellipse(place, dem)) for place in places]
+    collection = {"type": "FeatureCollection", "features": features}
+    return json.dumps(collection, indent=1, allow_nan=False) + "\n"
+
+
+def _feature(place: Place, fix: Fix, bundle: Bundle, kind: str, geometry: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "type": "Feature",
+        "geometry": geometry,
+        "properties": {
+            "kind": kind,
+            "rank": place.rank,
+            "probability": place.probability,
+            "rms_px": place.rms_px,
+            "status": fix.status,
+            "sigma_major_m": place.axes.major_m,
+            "sigma_minor_m": place.axes.minor_m,
+            "sigma_azimuth_deg": place.azimuth_deg,
+            "bundle": bundle.id,
+            "time": bundle.created.isoformat().replace("+00:00", "Z"),
+        },
+    }
+
+
+def _rounded(place: Place) -> list[float]:
+    return [round(place.lon_deg, DECIMALS), round(place.lat_deg, DECIMALS)]
+
+
+def _ellipse(place: Place, dem: Dem) -> dict[str, Any]:
+    lon_deg, lat_deg = ellipse_ring_lonlat(place, dem)
+    # in one piece around the place, wherever the longitudes leap
+    lon_deg = place.lon_deg + (lon_deg - place.lon_deg + 180.0) % 360.0 - 180.0
+    ring = list(zip(lon_deg.tolist(), lat_deg.tolist(), strict=True))
+    limit = float(np.copysign(180.0, place.lon_deg))
+    beyond = _clipped(ring, limit, beyond=True)
+    if not beyond:
+        return {"type": "Polygon", "coordinates": [_closed(ring)]}
+    around = [(lon - 2.0 * limit, lat) for lon, lat in beyond]
+    parts = [_closed(_clipped(ring, limit, beyond=False)), _closed(around)]
+    return {"type": "MultiPolygon", "coordinates": [[part] for part in parts]}
+
+
+def _clipped(ring: Ring, limit: float, *, beyond: bool) -> Ring:
+    """The part of a convex ring on one side of the meridian ``limit`` (180 or -180), in the same order."""
+    side = 1.0 if (limit > 0.0) == beyond else -1.0
+    out: Ring = []
+    for (lon, lat), (next_lon, next_lat) in zip(ring, ring[1:] + ring[:1], strict=True):
+        here, there = side * (lon - limit), side * (next_lon - limit)
+        if here > 0.0:
+            out.append((lon, lat))
+        if here * there < 0.0:
+            out.append((limit, lat + (next_lat - lat) * here / (here - there)))
+    return out
+
+
+def _closed(ring: Ring) -> list[list[float]]:
+    return [[round(lon, DECIMALS), round(lat, DECIMALS)] for lon, lat in [*ring, ring[0]]]
