@@ -1,0 +1,57 @@
+"""``localizer track``: several bundles one after the other."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
+
+from localizer.bundle import load_bundle
+from localizer.dem import Dem
+from localizer.errors import SkyfixError
+from localizer.report import Truth, report
+
+
+def run_track(
+    bundle_paths: Sequence[Path],
+    dem: Dem,
+    odometry_path: Path | None,
+    as_json: bool,
+    plot_path: Path | None,
+    truths: Sequence[Truth],
+) -> int:
+    """Follow the bundles, print what each comes to as soon as that is known, and the last fix; returns its exit status.
+
+    Raises ``SkyfixError`` before any search where a bundle or the odometry is bad.
+    """
+    from localizer.horizon.from_terrain import (
+        prepare_terrain,
+    )  # slow to import: bad input should be told at once
+    from localizer.locate import load_kernels
+    from localizer.track.odometry import Odometry, load_odometry
+    from localizer.track.report import step_text, track_line
+    from localizer.track.tracker import Step, Tracker, follow_bundle
+
+    if truths and len(truths) != len(bundle_paths):
+        raise SkyfixError(
+            f"--truth: {len(truths)} files for {len(bundle_paths)} bundles; give one for each, in order"
+        )
+    legs = len(bundle_paths) - 1
+    odometry: Odometry = load_odometry(odometry_path, legs) if odometry_path else (None,) * legs
+    bundles = [load_bundle(path) for path in bundle_paths]
+    terrain = prepare_terrain(dem)
+    load_kernels(terrain)
+    tracker = Tracker()
+    steps: list[Step] = []
+    for bundle, leg in zip(bundles, (None, *odometry), strict=True):
+        step = follow_bundle(tracker, leg, terrain, bundle)
+        tracker = step.tracker
+        steps.append(step)
+        click.echo(track_line(step, dem).to_json() if as_json else step_text(step))
+    last = steps[-1].fix
+    if not as_json:
+        click.echo(f"\n{report(last, dem, truths[-1] if truths else None)}")
+    if plot_path is not None:
+        from localizer.track.plot import draw_track
+
+        draw_track(plot_path, steps, odometry, dem, truths)
+    return last.exit_status

@@ -1,0 +1,135 @@
+"""Uncertain places: a Gaussian in metres to true east and north about a point on WGS84.
+
+Looks from neighbouring places share errors: the same DEM, the same lens, the same refraction. Fused as if they did not, ten
+looks would claim a third of the error of one. So each covariance has a *common* part, of unknown correlation with the common
+part of any other, and the rest, which is independent; they are fused by split covariance intersection (Julier and Uhlmann,
+"General decentralized data fusion with covariance intersection", 2001), which holds whatever that correlation is.
+"""
+
+from typing import Annotated, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pyproj import Geod
+from scipy.optimize import minimize_scalar
+
+Floats = NDArray[np.float64]
+Matrix = tuple[tuple[float, float], tuple[float, float]]
+
+GEOD = Geod(ellps="WGS84")
+LEAST_SHARE = 1e-3
+"""Of the weight of either partner of a fusion; beyond it one of them says it all."""
+
+
+class Place(BaseModel):
+    """Where the vehicle may be. Covariances are of (east, north), true, in metres squared."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    lat_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
+    lon_deg: float
+    covariance_enu_m2: Matrix
+    common_enu_m2: Matrix = ((0.0, 0.0), (0.0, 0.0))
+    """The part of ``covariance_enu_m2`` that other looks share."""
+
+    @model_validator(mode="after")
+    def _covariances(self) -> Self:
+        whole, common = np.array(self.covariance_enu_m2), np.array(self.common_enu_m2)
+        slack = 1e-9 * max(1.0, float(np.abs(whole).max()))
+        for matrix in (whole, common, whole - common):
+            if abs(matrix[0, 1] - matrix[1, 0]) > slack or np.linalg.eigvalsh(matrix)[0] < -slack:
+                raise ValueError("a covariance is symmetric and positive, and holds its common part")
+        return self
+
+    @property
+    def covariance(self) -> Floats:
+        return np.array(self.covariance_enu_m2)
+
+    @property
+    def common(self) -> Floats:
+        return np.array(self.common_enu_m2)
+
+    @property
+    def widest_m(self) -> float:
+        """The largest standard deviation in any direction."""
+        return float(np.sqrt(np.linalg.eigvalsh(self.covariance)[-1]))
+
+
+def place(lat_deg: float, lon_deg: float, covariance: Floats, common: Floats) -> Place:
+    """A place of arrays (2, 2)."""
+    return Place(
+        lat_deg=lat_deg, lon_deg=lon_deg, covariance_enu_m2=matrix(covariance), common_enu_m2=matrix(common)
+    )
+
+
+def matrix(values: Floats) -> Matrix:
+    """Symmetric and as plain numbers; ``values`` (2, 2)."""
+    off = float(values[0, 1] + values[1, 0]) / 2.0
+    return (float(values[0, 0]), off), (off, float(values[1, 1]))
+
+
+def offset_m(start: Place, end: Place) -> Floats:
+    """(2,): metres to true east and north from one place's centre to another's."""
+    azimuth_deg, _, distance_m = GEOD.inv(start.lon_deg, start.lat_deg, end.lon_deg, end.lat_deg)
+    azimuth = np.radians(azimuth_deg)
+    return np.asarray(distance_m * np.array([np.sin(azimuth), np.cos(azimuth)]), np.float64)
+
+
+def moved(start: Place, step_m: Floats, covariance: Floats) -> Place:
+    """The place after a step (2,) east and north that is known to ``covariance`` (2, 2)."""
+    lat_deg, lon_deg = _point(start, step_m)
+    return place(lat_deg, lon_deg, start.covariance + covariance, start.common)
+
+
+def log_density(start: Place, end: Place, floor_m: float) -> float:
+    """Logarithm of the density, per square metre, of both being one place; ``floor_m`` is what neither sigma covers."""
+    spread = start.covariance + end.covariance + floor_m**2 * np.eye(2)
+    off = offset_m(start, end)
+    return float(
+        -0.5 * off @ np.linalg.solve(spread, off) - 0.5 * np.linalg.slogdet(spread)[1] - np.log(2.0 * np.pi)
+    )
+
+
+def fuse(first: Place, second: Place) -> Place:
+    """Both are the same place: where it is then. Covers no larger area than either."""
+    own = [p.covariance - p.common for p in (first, second)]
+    common = [first.common, second.common]
+
+    def fused(share: float) -> tuple[Floats, Floats, Floats]:
+        """The gain towards the second, the covariance and its common part, the first having this share."""
+        one, two = common[0] / share + own[0], common[1] / (1.0 - share) + own[1]
+        gain = one @ np.linalg.inv(one + two)
+        stay = np.eye(2) - gain
+        whole = stay @ one @ stay.T + gain @ two @ gain.T
+        return gain, whole, whole - stay @ own[0] @ stay.T - gain @ own[1] @ gain.T
+
+    def area(share: float) -> float:
+        return float(np.linalg.slogdet(fused(share)[1])[1])
+
+    best = minimize_scalar(area, bounds=(LEAST_SHARE, 1.0 - LEAST_SHARE), method="bounded")
+    for alone in sorted((first, second), key=lambda p: float(np.linalg.det(p.covariance))):
+        if np.linalg.slogdet(alone.covariance)[1] <= area(float(best.x)):
+            return alone
+    gain, whole, shared = fused(float(best.x))
+    lat_deg, lon_deg = _point(first, gain @ offset_m(first, second))
+    return place(lat_deg, lon_deg, whole, shared)
+
+
+def merged(places: list[Place], weights: list[float]) -> Place:
+    """One Gaussian with the mean and the covariance of several."""
+    share = np.array(weights) / np.sum(weights)
+    offsets = np.array([offset_m(places[0], p) for p in places])
+    mean = share @ offsets
+    spread = offsets - mean
+    covariance = np.einsum("k,kij->ij", share, [p.covariance for p in places])
+    common = np.einsum("k,kij->ij", share, [p.common for p in places])
+    lat_deg, lon_deg = _point(places[0], mean)
+    return place(lat_deg, lon_deg, covariance + (spread.T * share) @ spread, common)
+
+
+def _point(start: Place, step_m: Floats) -> tuple[float, float]:
+    """Latitude and longitude a step (2,) to the east and north of a place's centre."""
+    azimuth_deg = float(np.degrees(np.arctan2(step_m[0], step_m[1])))
+    lon_deg, lat_deg, _ = GEOD.fwd(start.lon_deg, start.lat_deg, azimuth_deg, float(np.hypot(*step_m)))
+    return float(lat_deg), float(lon_deg)
