@@ -44,3 +44,7 @@ class WrongDeviceError(DeviceError):
 
 class TransientError(DeviceError):
     """One exchange failed (no answer, bad checksum, no acknowledge): the next may succeed."""
+
+
+class LostPortError(TransientError):
+    """A port that worked has gone away. It may come back under the same name: a lasting one, for USB."""

@@ -27,6 +27,7 @@ _TICK_DEG = 360.0 / table.TICKS_PER_TURN
 _POLL_S = 0.02
 _STILL_S = 0.2
 _STILL_TICKS = 1  # encoder noise
+_RELAX_REPLUG_S = 0.5  # on the way out there is little patience for a port that is gone
 # A proportional controller droops under the camera's weight; more than this is something in the way.
 _GOAL_TOLERANCE_DEG = 1.0
 
@@ -289,7 +290,7 @@ class PanTilt:
         failures = []
         for servo in self._servos:
             try:
-                retry(partial(servo.torque, False))
+                retry(partial(servo.torque, False), replug_s=_RELAX_REPLUG_S)
             except RigError as error:
                 failures.append(str(error))
         if failures:

@@ -6,13 +6,15 @@ wall clock of a vehicle computer may step.
 
 import time
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import datetime
 from typing import Literal
+
+from rig.clock import utc_at
 
 
 @dataclass(frozen=True)
 class Instant:
-    """A moment on both clocks: ``time.monotonic`` in seconds, and UTC."""
+    """A moment on both clocks: ``time.monotonic`` in seconds, and UTC (``rig.clock``)."""
 
     monotonic_s: float
     utc: datetime
@@ -20,7 +22,8 @@ class Instant:
     @classmethod
     def now(cls) -> "Instant":
         """This moment."""
-        return cls(time.monotonic(), datetime.now(UTC))
+        monotonic_s = time.monotonic()
+        return cls(monotonic_s, utc_at(monotonic_s))
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,9 @@
 """A serial port that never blocks for ever and fails in one way.
 
 pyserial raises ``SerialException``, ``OSError`` and ``termios.error`` (which is no ``OSError``) for the same
-unplugged cable, depending on the call; here all of them are one ``DeviceError`` that names the port.
+unplugged cable, depending on the call; here all of them are one ``LostPortError`` that names the port. The port is
+closed then, and opened again with the next call: an adapter that was pulled out and plugged in again is another
+device under the same lasting name.
 """
 
 import contextlib
@@ -14,12 +16,13 @@ from collections.abc import Iterator
 import serial
 
 from rig.bus.deadline import Deadline
-from rig.errors import DeviceError
+from rig.errors import DeviceError, LostPortError
 
 _log = logging.getLogger(__name__)
 
 _READ_BYTES = 4096
 _WRITE_TIMEOUT_S = 1.0
+_FAILURES = (OSError, termios.error, ValueError)  # SerialException is an OSError
 
 _REMEDIES = {
     errno.ENOENT: (
@@ -37,67 +40,74 @@ class SerialPort:
 
     Raises ``DeviceError`` where it cannot be opened (absent, in use, not permitted, no serial port at all).
     ``path`` is a device file, best one of /dev/serial/by-id: a re-plugged adapter gets another ttyUSB number.
+    Every method but ``close`` raises ``LostPortError`` where the port has gone away and is not back.
     """
 
     def __init__(self, path: str, baud: int) -> None:
         self.path = path
         self.baud = baud
-        with _device_errors(path, "cannot be opened", "check `port` and `baud`"):
-            self._serial = serial.Serial(
-                path,
-                baud,
-                timeout=0,
-                write_timeout=_WRITE_TIMEOUT_S,
-                exclusive=True,
-                bytesize=serial.EIGHTBITS,
-            )
-        self._prefer_low_latency()
+        with _errors(DeviceError, path, "cannot be opened", "check `port` and `baud`"):
+            self._serial: serial.Serial | None = self._open()
 
-    def _prefer_low_latency(self) -> None:
+    def _open(self) -> serial.Serial:
+        port = serial.Serial(
+            self.path,
+            self.baud,
+            timeout=0,
+            write_timeout=_WRITE_TIMEOUT_S,
+            exclusive=True,
+            bytesize=serial.EIGHTBITS,
+        )
         # FTDI adapters hold bytes back for 16 ms unless asked not to. A pty has no such setting and needs
         # none.
         try:
-            self._serial.set_low_latency_mode(True)
+            port.set_low_latency_mode(True)
         except (ValueError, OSError) as error:
             _log.debug("%s has no low-latency mode: %s", self.path, error)
+        return port
 
     def read(self, deadline: Deadline) -> bytes:
-        """What has arrived, waiting until the deadline for a first byte; empty if none came.
-
-        Raises ``DeviceError`` where the port has gone away.
-        """
-        with self._lost_port():
-            readable, _, _ = select.select([self._serial.fileno()], [], [], deadline.remaining_s)
-            return self._serial.read(_READ_BYTES) if readable else b""
+        """What has arrived, waiting until the deadline for a first byte; empty if none came."""
+        with self._working() as port:
+            readable, _, _ = select.select([port.fileno()], [], [], deadline.remaining_s)
+            return port.read(_READ_BYTES) if readable else b""
 
     def write(self, data: bytes) -> None:
-        """Send all of ``data``. Raises ``DeviceError`` where the port has gone away or does not take it."""
-        with self._lost_port():
-            self._serial.write(data)
+        """Send all of ``data``. A port that does not take it within a second counts as lost."""
+        with self._working() as port:
+            port.write(data)
 
     def discard_input(self) -> None:
-        """Throw away what has arrived and was not read. Raises ``DeviceError`` where the port has gone
-        away.
-        """
-        with self._lost_port():
-            self._serial.reset_input_buffer()
+        """Throw away what has arrived and was not read."""
+        with self._working() as port:
+            port.reset_input_buffer()
 
     def close(self) -> None:
-        """Give the port back. Closing twice is no error."""
-        with self._lost_port():
-            self._serial.close()
+        """Give the port back. Closing twice is no error, nor is closing one that is gone."""
+        port, self._serial = self._serial, None
+        if port is not None:
+            with contextlib.suppress(*_FAILURES):
+                port.close()
 
-    def _lost_port(self) -> contextlib.AbstractContextManager[None]:
-        return _device_errors(self.path, "stopped working", "check the cable and the adapter")
+    @contextlib.contextmanager
+    def _working(self) -> Iterator[serial.Serial]:
+        try:
+            with _errors(LostPortError, self.path, "stopped working", "check the cable and the adapter"):
+                if self._serial is None:
+                    self._serial = self._open()
+                yield self._serial
+        except LostPortError:
+            self.close()
+            raise
 
 
 @contextlib.contextmanager
-def _device_errors(path: str, problem: str, remedy: str) -> Iterator[None]:
+def _errors(kind: type[DeviceError], path: str, problem: str, remedy: str) -> Iterator[None]:
     try:
         yield
-    except (OSError, termios.error, ValueError) as error:  # SerialException is an OSError
+    except _FAILURES as error:
         problem, remedy = _REMEDIES.get(_errno(error), (f"{problem} ({_reason(error)})", remedy))
-        raise DeviceError(f"serial port {path}", problem, remedy) from error
+        raise kind(f"serial port {path}", problem, remedy) from error
 
 
 def _errno(error: Exception) -> int:

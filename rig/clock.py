@@ -1,0 +1,63 @@
+"""The rig's clocks. ``time.monotonic`` is for ages, order and deadlines; UTC is for the record.
+
+The wall clock of a vehicle computer steps when GPS or NTP first answer. UTC here runs evenly through a session: it is
+the wall clock's at ``begin_session``, carried on by the monotonic clock, so that the times within one bundle belong
+together. ``step_s`` tells by how much the wall clock has gone another way since.
+
+``SKYFIX_CLOCK_OFFSET`` may name a file with seconds to add to the wall clock. It is there for simulations, which can
+step this clock but not the computer's; a file that is absent or not a number adds nothing.
+"""
+
+import os
+import time
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+OFFSET_VARIABLE = "SKYFIX_CLOCK_OFFSET"
+
+
+def wall_clock() -> datetime:
+    """What the computer takes for UTC at this moment."""
+    return datetime.now(UTC) + timedelta(seconds=_offset_s())
+
+
+def _offset_s() -> float:
+    path = os.environ.get(OFFSET_VARIABLE)
+    if not path:
+        return 0.0
+    try:
+        return float(Path(path).read_text(encoding="ascii"))
+    except (OSError, ValueError):
+        return 0.0
+
+
+class _Session:
+    """A pair of simultaneous times."""
+
+    def __init__(self) -> None:
+        self.monotonic_s = time.monotonic()
+        self.utc = wall_clock()
+
+
+_session = _Session()
+
+
+def begin_session() -> None:
+    """Take over the wall clock's time; before a capture, not within one."""
+    global _session  # noqa: PLW0603 - there is one wall clock, and everything that reads it shall agree
+    _session = _Session()
+
+
+def utc_at(monotonic_s: float) -> datetime:
+    """UTC of a moment on the monotonic clock, by the session's time."""
+    return _session.utc + timedelta(seconds=monotonic_s - _session.monotonic_s)
+
+
+def utc_now() -> datetime:
+    """UTC of this moment, by the session's time."""
+    return utc_at(time.monotonic())
+
+
+def step_s() -> float:
+    """By how many seconds the wall clock has stepped since the session began, forwards positive."""
+    return (wall_clock() - utc_now()).total_seconds()
