@@ -16,7 +16,6 @@ from sim.failures import one_line_failures
     "dems",
     type=click.Path(path_type=Path),
     multiple=True,
-    required=True,
     metavar="FILE",
     help="Elevation raster; the cases are spread evenly over those given.",
 )
@@ -24,7 +23,6 @@ from sim.failures import one_line_failures
     "--scenario",
     "scenario_path",
     type=click.Path(path_type=Path),
-    required=True,
     metavar="FILE",
     help="TOML file with the errors that are drawn; see configs/scenarios/evaluate.",
 )
@@ -32,7 +30,6 @@ from sim.failures import one_line_failures
     "--out",
     "folder",
     type=click.Path(path_type=Path, file_okay=False),
-    required=True,
     metavar="DIR",
     help="Where table, summary and plots go; a table that is there already is continued.",
 )
@@ -54,27 +51,45 @@ from sim.failures import one_line_failures
 @click.option(
     "--jobs", type=click.IntRange(1, 256), default=1, show_default=True, help="Processes side by side."
 )
+@click.option(
+    "--photos",
+    "photos_dir",
+    type=click.Path(path_type=Path, file_okay=False),
+    metavar="DIR",
+    help="Instead of simulated cases: the photographs and rendered pictures in this data folder.",
+)
 @click.option("--fresh", is_flag=True, help="Begin anew where there is a table already.")
 @one_line_failures
 def evaluate(
     dems: tuple[Path, ...],
-    scenario_path: Path,
-    folder: Path,
+    scenario_path: Path | None,
+    folder: Path | None,
     cases: int,
     only: tuple[int, ...],
     seed: int,
     level: Literal["contour", "image"],
     estimator_only: bool,
     jobs: int,
+    photos_dir: Path | None,
     fresh: bool,
-) -> None:
+) -> int:
     """Make many cases, locate each, and sum up how that went.
 
     Writes cases.csv, summary.json, summary.md and plots. The same seed makes the same cases, however many jobs there
     are; an interrupted run continues where it was.
 
+    With --photos: how well skylines are found in real photographs, and places by them; --out may be left out. Ends with 5
+    where another place was called the fix.
+
     Example: sim evaluate --dem dem.tif --scenario configs/scenarios/evaluate/realistic.toml --cases 200 --out results
     """
+    if photos_dir is not None:
+        from sim.evaluate.photos.command import photos_command
+
+        return photos_command(photos_dir, folder)
+    if not dems or scenario_path is None or folder is None:
+        raise click.UsageError("give --dem, --scenario and --out, or --photos")
+
     from sim.evaluate.case import Experiment
     from sim.evaluate.progress import counting
     from sim.evaluate.report import write_report
@@ -87,3 +102,4 @@ def evaluate(
     with counting(len(numbers)) as report:
         rows = run_cases(experiment, numbers, folder / "cases.csv", jobs, fresh, report)
     click.echo(write_report(rows, scenario_path.stem, folder))
+    return 0

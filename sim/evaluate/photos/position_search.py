@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,6 +28,10 @@ TRACE_SIGMA_PX = 1.0
 """How exactly a hand follows a ridge."""
 NEAR_CELLS, NEAR_SIGMAS = 5.0, 5.0
 """A place counts as the true one within so many cells or standard deviations (its own and the truth's) of it."""
+
+
+HEADING_AND_ALTITUDE = (("2 deg", "known"), ("none", "known"), ("2 deg", "none"))
+"""What is known in each search. Neither of both is left out: it takes minutes."""
 
 
 @dataclass(frozen=True)
@@ -84,8 +88,12 @@ def is_true_place(error_m: float, sigma_m: float, truth_sigma_m: float, cell_m: 
     return error_m <= max(NEAR_CELLS * cell_m, NEAR_SIGMAS * math.hypot(sigma_m, truth_sigma_m))
 
 
-def search(standpoint: Standpoint, terrain: Terrain | None = None) -> Iterator[Trial]:
-    """Search for a standpoint with each skyline, with a heading and an altitude and without.
+def search(
+    standpoint: Standpoint,
+    terrain: Terrain | None = None,
+    knowing: Sequence[tuple[str, str]] = HEADING_AND_ALTITUDE,
+) -> Iterator[Trial]:
+    """Search for a standpoint with each skyline and with each of `knowing`: what is known of heading and altitude.
 
     `terrain`: that of `standpoint.dem`, if it was prepared before.
     """
@@ -97,16 +105,14 @@ def search(standpoint: Standpoint, terrain: Terrain | None = None) -> Iterator[T
         skylines["known"] = [skyline_of_trace(standpoint.traced[frame.label]) for frame in bundle.frames]
     for skyline, rows in skylines.items():
         observation = observe(bundle, rows)
-        for heading in ("2 deg", "none"):
-            for altitude in ("known", "none"):
-                given = replace(
-                    _with_heading(bundle, observation, standpoint, heading == "2 deg"),
-                    **({} if altitude == "known" else {"altitude_m": None, "altitude_sigma_m": math.inf}),
-                )
-                begin = time.perf_counter()
-                located = locate(terrain, given)
-                seconds = time.perf_counter() - begin
-                yield _trial(standpoint, terrain.dem, (skyline, heading, altitude), located, seconds)
+        for heading, altitude in knowing:
+            given = _with_heading(bundle, observation, standpoint, heading == "2 deg")
+            if altitude == "none":
+                given = replace(given, altitude_m=None, altitude_sigma_m=math.inf)
+            begin = time.perf_counter()
+            located = locate(terrain, given)
+            seconds = time.perf_counter() - begin
+            yield _trial(standpoint, terrain.dem, (skyline, heading, altitude), located, seconds)
 
 
 def terrain_of(standpoint: Standpoint) -> Terrain:

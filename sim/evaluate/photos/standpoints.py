@@ -3,6 +3,7 @@
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -25,12 +26,13 @@ from sim.evaluate.photos.traced_pictures import rendered_folders
 
 Floats = NDArray[np.float64]
 
-NOON = "T12:00:00Z"
+UNKNOWN_TIME = datetime(2000, 1, 1, 12, tzinfo=UTC)
+"""A bundle must state a time; the search does not look at it."""
 MAST_HEIGHT_M = 2.0
 ALTIMETER_SIGMA_M = 15.0
 """What a barometric altimeter is good for: the photographs' altitudes are surveyed, but a vehicle would not know better."""
-GEOID_M = {"columbia": 16.0}
-"""Height of mean sea level above the ellipsoid."""
+COLUMBIA_GEOID_M = 16.0
+"""Height of mean sea level above the ellipsoid, good to a metre."""
 COLUMBIA_TILT_SIGMA_DEG = 0.15
 COLUMBIA_ROLL_SIGMA_DEG = 0.3
 
@@ -96,7 +98,7 @@ def _columbia(data_dir: Path, work_dir: Path) -> Iterator[Standpoint]:
             work_dir / name,
             image,
             camera,
-            altitude=Altitude(value_m=ellipsoid_m - GEOID_M["columbia"], sigma_m=ALTIMETER_SIGMA_M),
+            altitude=Altitude(value_m=ellipsoid_m - COLUMBIA_GEOID_M, sigma_m=ALTIMETER_SIGMA_M),
             azimuth_deg=true_azimuth_deg(crs, easting_m, northing_m, yaw_deg),
             tilt_deg=pitch_deg,
             roll_deg=roll_deg,
@@ -187,7 +189,7 @@ def write_bundle(
         label=LABEL,
         file=file,
         sha256=hashlib.sha256(png.tobytes()).hexdigest(),
-        time=f"2000-01-01{NOON}",
+        time=UNKNOWN_TIME,
         azimuth_deg=azimuth_deg,
         azimuth_sigma_deg=0.0,
         tilt_deg=tilt_deg,
@@ -197,7 +199,7 @@ def write_bundle(
     )
     bundle = Bundle(
         id=folder.name,
-        created=f"2000-01-01{NOON}",
+        created=UNKNOWN_TIME,
         camera=camera,
         mast_height_m=MAST_HEIGHT_M,
         altitude=altitude,

@@ -1,0 +1,17 @@
+"""``sim evaluate --photos``: the evaluation on photographs as a command."""
+
+from pathlib import Path
+
+import click
+
+from sim.evaluate.photos.run import evaluate_photos
+
+WRONG_FIX_STATUS = 5
+"""As of ``sim demo``."""
+
+
+def photos_command(data_dir: Path, out_dir: Path | None) -> int:
+    """Evaluate, print the tables, and say with the exit status whether another place was called the fix."""
+    evaluation = evaluate_photos(data_dir, out_dir, lambda line: click.echo(line, err=True))
+    click.echo(evaluation.markdown())
+    return WRONG_FIX_STATUS if evaluation.wrong_fixes else 0

@@ -1,0 +1,94 @@
+"""The evaluation on photographs: all pictures traced, all standpoints searched for, two tables."""
+
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+
+from localizer.horizon.from_image import find_skyline
+from sim.errors import SimulationError
+from sim.evaluate.photos import tables
+from sim.evaluate.photos.position_search import Trial, search, terrain_of
+from sim.evaluate.photos.skyline_score import score_skyline
+from sim.evaluate.photos.source import existing
+from sim.evaluate.photos.standpoints import standpoints
+from sim.evaluate.photos.traced_pictures import traced_pictures
+
+
+@dataclass(frozen=True)
+class PhotoEvaluation:
+    """What was measured, and whether the localizer was honest."""
+
+    pictures: Sequence[tables.Scored]
+    trials: Sequence[Trial]
+
+    @property
+    def wrong_fixes(self) -> list[Trial]:
+        """The searches that called another place the fix."""
+        return [t for t in self.trials if t.verdict == "WRONG"]
+
+    def markdown(self) -> str:
+        """Both tables with their summaries."""
+        return "\n\n".join(
+            [
+                "## Skylines: found against known, px at 1000 px width",
+                "Confident columns but for those headed 'all columns'.",
+                tables.skyline_summary(self.pictures),
+                "Pictures that failed:",
+                tables.skyline_failures(self.pictures),
+                "## Places: the whole DEM searched",
+                tables.position_summary(self.trials),
+                tables.position_table(self.trials),
+            ]
+        )
+
+
+def evaluate_photos(
+    data_dir: Path, out_dir: Path | None, progress: Callable[[str], None] = lambda line: None
+) -> PhotoEvaluation:
+    """Run the evaluation on a data folder, which is only read.
+
+    `out_dir`: where photos.md, photos_skylines.csv and photos_places.csv go, if anywhere. `progress` is told each step.
+
+    Raises SimulationError for data that are missing or broken, and if `out_dir` cannot be written.
+    """
+    existing(data_dir)
+    pictures = []
+    for picture in traced_pictures(data_dir):
+        score = score_skyline(
+            find_skyline(picture.image_bgr), picture.true_row_px, picture.image_bgr.shape[0]
+        )
+        pictures.append((picture.dataset, picture.name, picture.half, score))
+        progress(f"{picture.dataset} {picture.name}: skyline {score.verdict}")
+    evaluation = PhotoEvaluation(pictures, _search_all(data_dir, progress))
+    if out_dir is not None:
+        _write(evaluation, out_dir)
+    return evaluation
+
+
+def _search_all(data_dir: Path, progress: Callable[[str], None]) -> list[Trial]:
+    trials = []
+    with tempfile.TemporaryDirectory(prefix="skyfix-photos-") as work:
+        places = standpoints(data_dir, Path(work))
+        for _, same_dem in groupby(places, key=lambda place: (place.dem, place.dem_nodata)):
+            terrain = None
+            for place in same_dem:
+                terrain = terrain or terrain_of(place)
+                for trial in search(place, terrain):
+                    trials.append(trial)
+                    progress(
+                        f"{trial.dataset} {trial.name}, skyline {trial.skyline}, heading {trial.heading},"
+                        f" altitude {trial.altitude}: {trial.verdict}"
+                    )
+    return trials
+
+
+def _write(evaluation: PhotoEvaluation, out_dir: Path) -> None:
+    try:
+        out_dir.mkdir(parents=True, exist_ok=True)
+        (out_dir / "photos.md").write_text(evaluation.markdown() + "\n", encoding="utf-8")
+        tables.write_skyline_csv(out_dir / "photos_skylines.csv", evaluation.pictures)
+        tables.write_position_csv(out_dir / "photos_places.csv", evaluation.trials)
+    except OSError as error:
+        raise SimulationError(f"{out_dir}: {error.strerror or error}; choose another --out") from error
