@@ -30,7 +30,7 @@ def skyline_summary(pictures: Sequence[Scored]) -> str:
     """One row a dataset and half, over all columns and over the confident ones."""
     groups: dict[tuple[str, str], list[PictureScore]] = {}
     for dataset, _, half, score in pictures:
-        for key in ((dataset, half), ("all", half), ("all", "")):
+        for key in ((dataset, half), (dataset, ""), ("all", half), ("all", "")):
             groups.setdefault(key, []).append(score)
     order = [*dict.fromkeys(dataset for dataset, *_ in pictures), "all"]
     rows = []
