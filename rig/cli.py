@@ -8,17 +8,11 @@ from typing import NoReturn
 import click
 
 from localizer import command_line
+from rig.calibrate.commands import calibrate
+from rig.cli_options import config_option
 from rig.config import config_path, load_config
 from rig.directions import Direction, parse_directions
 from rig.signals import stopping_cleanly
-
-CONFIG_OPTION = click.option(
-    "--config",
-    "config_file",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
-    help="The rig's configuration; by default the file that SKYFIX_CONFIG names.",
-)
 
 
 def main() -> NoReturn:
@@ -38,7 +32,7 @@ def rig(verbose: bool) -> None:
 
 
 @rig.command()
-@CONFIG_OPTION
+@config_option
 @click.option(
     "--out",
     "out_dir",
@@ -107,8 +101,11 @@ def capture(
     return fix.exit_status
 
 
+rig.add_command(calibrate)
+
+
 @rig.command()
-@CONFIG_OPTION
+@config_option
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of the table.")
 def check(config_file: Path | None, as_json: bool) -> int:
     """Connect to every device and say how it is; nothing moves. Ends with status 1 if any device fails.

@@ -3,10 +3,9 @@
 from dataclasses import dataclass
 from datetime import datetime
 
-from pygeomag import GeoMag, calculate_decimal_year
-
 from rig.config import Place
 from rig.errors import ConfigError
+from rig.magnetic_model import model_field
 
 
 @dataclass(frozen=True)
@@ -34,10 +33,9 @@ def declination(
             "or the rough [place] to compute it from"
         )
     try:
-        year = calculate_decimal_year(when)
-        field = GeoMag().calculate(place.lat_deg, place.lon_deg, place.altitude_m / 1000.0, year)
+        field = model_field(place, when)
     except ValueError as error:
         raise ConfigError(
             f"[compass] declination_deg: give it; the World Magnetic Model cannot: {when:%Y-%m-%d}, {error}"
         ) from error
-    return Declination(float(field.d), "World Magnetic Model")
+    return Declination(field.declination_deg, "World Magnetic Model")

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.accelerometer import Triple
 from rig.attitude import BaseLevel
 from rig.declination import Declination
 from rig.errors import DeviceError
@@ -38,8 +39,8 @@ class FieldAtPan:
 class VehicleIron:
     """What the vehicle adds to the Earth's field B, in base axes: ``soft`` @ B + ``hard_ut``."""
 
-    hard_ut: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    soft: tuple[tuple[float, float, float], ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    hard_ut: Triple = (0.0, 0.0, 0.0)
+    soft: tuple[Triple, Triple, Triple] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
     def removed(self, field_ut: Vector) -> Vector:
         """The Earth's field (3,) out of that in the base."""

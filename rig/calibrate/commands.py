@@ -1,0 +1,201 @@
+"""``rig calibrate``: what a field crew does before the rig is worth its sensors."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from rig.cli_options import config_option
+from rig.signals import stopping_cleanly
+
+if TYPE_CHECKING:
+    from rig.calibrate.place import KnownPlace
+
+out_option = click.option(
+    "--out",
+    "out_dir",
+    metavar="DIR",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Where the calibration goes; by default the folder calibration beside the configuration.",
+)
+yes_option = click.option("--yes", is_flag=True, help="Ask nothing: all is ready, and the result is used.")
+
+at_option = click.option(
+    "--at", metavar="LAT,LON", help="The known place where the vehicle stands, WGS84 degrees."
+)
+dem_option = click.option(
+    "--dem",
+    "dem_paths",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    multiple=True,
+    help="Elevation file for --at; repeat it for files that adjoin.",
+)
+
+# What fits and draws is slow to import: the commands import it.
+
+
+@click.group()
+def calibrate() -> None:
+    """Find the rig's own errors, in this order: camera, inclinometer, compass, altimeter, boresight.
+
+    Each writes a dated file that the configuration names from then on, and a picture of its residuals beside it.
+
+    Example: rig calibrate inclinometer --config vehicle.toml
+    """
+
+
+@calibrate.command()
+@config_option
+@out_option
+@yes_option
+@click.option(
+    "--angles", type=click.IntRange(6, 36), default=8, show_default=True, help="Pan angles to read at."
+)
+@click.option(
+    "--temperature-log",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="CSV of rig calibrate temperature-log: gives the drift of the zero with temperature.",
+)
+def inclinometer(
+    config_file: Path | None, out_dir: Path | None, yes: bool, angles: int, temperature_log: Path | None
+) -> None:
+    """Zero, scale and mounting of the inclinometer, by turning the head; the vehicle's slope comes with it.
+
+    Example: rig calibrate inclinometer --angles 12
+    """
+    from rig.calibrate.inclinometer import calibrate_inclinometer
+    from rig.calibrate.session import Session
+
+    session = Session.open(config_file, out_dir, yes)
+    with stopping_cleanly():
+        calibrate_inclinometer(session, angles, temperature_log)
+
+
+@calibrate.command("temperature-log")
+@config_option
+@click.option(
+    "--out", "path", metavar="FILE", type=click.Path(path_type=Path), required=True, help="CSV to add to."
+)
+@click.option("--minutes", type=click.FloatRange(0.0), default=60.0, show_default=True)
+def temperature_log_(config_file: Path | None, path: Path, minutes: float) -> None:
+    """Log the inclinometer of a head that does not move while the day warms or cools it.
+
+    Example: rig calibrate temperature-log --out drift.csv --minutes 240
+    """
+    from contextlib import closing
+
+    from rig.calibrate.temperature import record_temperature_log
+    from rig.config import config_path, load_config
+    from rig.connect import open_inclinometer
+
+    section = load_config(config_path(config_file)).inclinometer
+    with stopping_cleanly(), closing(open_inclinometer(section)) as chip:
+        count = record_temperature_log(chip, section, path, 60.0 * minutes)
+    click.echo(f"{path}: {count} readings")
+
+
+@calibrate.command()
+@config_option
+@out_option
+@yes_option
+@at_option
+@dem_option
+@click.option(
+    "--altitude", "altitude_m", type=float, metavar="M", help="Known altitude of the camera, instead of --at."
+)
+@click.option(
+    "--sigma",
+    "sigma_m",
+    type=click.FloatRange(0.1),
+    default=1.5,
+    show_default=True,
+    help="How well it is known, metres.",
+)
+@click.option(
+    "--air", "air_c", type=click.FloatRange(-60.0, 60.0), metavar="C", help="Temperature of the air."
+)
+@click.option(
+    "--drift",
+    "drift_m_h",
+    type=click.FloatRange(0.0),
+    default=4.0,
+    show_default=True,
+    help="Metres an hour that the weather may move it from then on.",
+)
+def altimeter(
+    config_file: Path | None,
+    out_dir: Path | None,
+    yes: bool,
+    at: str | None,
+    dem_paths: tuple[Path, ...],
+    altitude_m: float | None,
+    sigma_m: float,
+    air_c: float | None,
+    drift_m_h: float,
+) -> None:
+    """The air pressure at a known altitude, or at a known place on a DEM; its trust fades from then on.
+
+    \b
+    Examples:
+      rig calibrate altimeter --altitude 812.5 --air 14
+      rig calibrate altimeter --at 37.2012,-122.1034 --dem terrain.tif --air 14
+    """
+    if (altitude_m is None) == (at is None):
+        raise click.UsageError("Give either --altitude, or --at with --dem.")
+
+    from rig.calibrate.altimeter import KnownAltitude, calibrate_altimeter
+    from rig.calibrate.session import Session
+
+    session = Session.open(config_file, out_dir, yes)
+    if at is not None:
+        altitude_m = _place(at, dem_paths).ground_m + session.config.rig.mast_height_m
+    assert altitude_m is not None
+    with stopping_cleanly():
+        calibrate_altimeter(session, KnownAltitude(altitude_m, sigma_m), air_c, drift_m_h)
+
+
+def _place(at: str, dem_paths: tuple[Path, ...]) -> "KnownPlace":
+    from rig.calibrate.place import known_place, parse_place
+
+    if not dem_paths:
+        raise click.UsageError("--at needs --dem FILE.")
+    try:
+        lat_deg, lon_deg = parse_place(at)
+    except ValueError as error:
+        raise click.UsageError(f"--at: {error}.") from error
+    return known_place(lat_deg, lon_deg, dem_paths)
+
+
+@calibrate.command()
+@config_option
+@out_option
+@yes_option
+@click.option(
+    "--headings",
+    type=click.IntRange(1, 36),
+    default=8,
+    show_default=True,
+    help="Of the vehicle. 1: it is not turned, and its iron stays unknown.",
+)
+@click.option(
+    "--angles", type=click.IntRange(4, 36), default=6, show_default=True, help="Pan angles at each heading."
+)
+def compass(config_file: Path | None, out_dir: Path | None, yes: bool, headings: int, angles: int) -> None:
+    """Hard and soft iron of the pan stage, by turning the pan, and of the vehicle, by turning the vehicle.
+
+    \b
+    Examples:
+      rig calibrate compass
+      rig calibrate compass --headings 1
+    """
+    if yes and headings > 1:
+        raise click.UsageError("--yes goes with --headings 1 only: somebody has to turn the vehicle.")
+
+    from rig.calibrate.compass import calibrate_compass
+    from rig.calibrate.session import Session
+
+    session = Session.open(config_file, out_dir, yes)
+    with stopping_cleanly():
+        calibrate_compass(session, headings, angles)

@@ -1,0 +1,188 @@
+"""Calibrate the compass: turn the pan at several headings of the vehicle, compare with and without torque, fit, show."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from rig.attitude import LevelReading, LevelSigmas, base_level, in_axes
+from rig.calibrate.compass_fit import CompassFit, EarthField, VehicleStop, fit_compass
+from rig.calibrate.figures import new_figure
+from rig.calibrate.session import Session
+from rig.calibration import CalibrationError, CompassCalibration
+from rig.config import Mmc5983maSection, RigConfig
+from rig.connect import Rig, connect
+from rig.kinematics import JointAngles
+from rig.magnetic_model import ModelField, model_field
+from rig.standing import Stop, read_here, read_stop
+
+Vector = NDArray[np.float64]
+
+READING_S = 0.6
+FROM_LIMIT_DEG = 4.0
+TORQUE_LIMIT_DEG = 3.0
+
+
+@dataclass(frozen=True)
+class TorqueField:
+    """What the servos' holding current adds to the field (3,), uT in stage axes, and what that makes of a heading."""
+
+    field_ut: Vector
+    heading_deg: float
+
+
+def calibrate_compass(session: Session, headings: int, angles: int) -> None:
+    """Guide, measure, fit and write. ``CalibrationError`` with the reason where the result is not to be trusted."""
+    config, guide = session.config, session.guide
+    section, model = _section(config), _model(config)
+    guide.ready(
+        "Drive to open ground, 20 m from vehicles, fences and power lines; keep iron and phones away from the mast."
+    )
+    vehicle_stops = []
+    with connect(config) as rig:
+        assert rig.compass is not None
+        device = rig.compass.identify()
+        for number in range(1, headings + 1):
+            if number > 1:
+                turn = f"turn the vehicle by about {360.0 / headings:.0f} deg to the right and stop."
+                guide.ready(f"Heading {number} of {headings}: {turn}")
+            stops = _turn(rig, angles)
+            vehicle_stops.append(vehicle_stop(config, section, stops))
+            guide.say(f"heading {number} of {headings}: read at {len(stops)} pan angles")
+        torque = _torque_field(rig, section, model)
+    earth = EarthField(model.horizontal_ut, model.down_ut, model.declination_sigma_deg)
+    fit = fit_compass(vehicle_stops, earth)
+    if torque.heading_deg > TORQUE_LIMIT_DEG:
+        guide.say(
+            f"The servos' holding current turns the compass by {torque.heading_deg:.1f} deg: a capture takes that out, "
+            "but move the compass away from the motors where you can."
+        )
+    iron = fit.iron
+    document = CompassCalibration(
+        **session.header("compass", device),
+        compass=section.kind,
+        axes=section.axes,
+        hard_iron_ut=iron.stage_hard_ut,
+        soft_iron=iron.stage_soft,
+        vehicle_hard_iron_ut=iron.vehicle.hard_ut,
+        vehicle_soft_iron=iron.vehicle.soft,
+        azimuth_bias_sigma_deg=fit.heading_sigma_deg,
+        fit={
+            "headings": headings,
+            "pan_angles": angles,
+            "rms_ut": fit.rms_ut,
+            "horizontal_ut": fit.horizontal_ut,
+            "down_ut": fit.down_ut,
+            "model_horizontal_ut": model.horizontal_ut,
+            "model_down_ut": model.down_ut,
+            "torque_field_ut": torque.field_ut.tolist(),
+            "torque_heading_deg": torque.heading_deg,
+        },
+    )
+    rows = [
+        ("pan stage, hard iron, uT", _numbers(iron.stage_hard_ut), ""),
+        ("pan stage, soft iron", f"up to {_softness(iron.stage_soft):.1%}", ""),
+        ("vehicle, hard iron, uT", _numbers(iron.vehicle.hard_ut), ""),
+        ("vehicle, soft iron", f"up to {_softness(iron.vehicle.soft):.1%}", ""),
+        (
+            "strength and dip",
+            _strength(fit.horizontal_ut, fit.down_ut),
+            f"model: {_strength(model.horizontal_ut, model.down_ut)}",
+        ),
+        ("servos' torque", _numbers(torque.field_ut), f"{torque.heading_deg:.2f} deg of heading"),
+        ("heading, deg", "", f"{fit.heading_sigma_deg:.2f}"),
+        ("residual rms, uT", f"{fit.rms_ut:.3f}", f"{headings} headings x {angles} pan angles"),
+    ]
+    session.finish(document, rows, draw(fit, vehicle_stops))
+
+
+def vehicle_stop(config: RigConfig, section: Mmc5983maSection, stops: Sequence[Stop]) -> VehicleStop:
+    """One position of the vehicle as the fit takes it: its slope, and the fields in axes of the pan stage."""
+    inclinometer = config.inclinometer
+    sigmas = LevelSigmas(
+        inclinometer.tilt_sigma_deg,
+        inclinometer.roll_sigma_deg,
+        inclinometer.tilt_bias_sigma_deg,
+        config.pan_tilt.azimuth_sigma_deg,
+    )
+    level = base_level([LevelReading(stop.joints, stop.level) for stop in stops], sigmas)
+    fields = [in_axes(np.array(stop.field.mean_ut), section.axes) for stop in stops if stop.field is not None]
+    pans_deg = np.array([stop.joints.pan_deg for stop in stops])
+    return VehicleStop(level.pitch_deg, level.roll_deg, pans_deg, np.array(fields))
+
+
+def draw(fit: CompassFit, stops: Sequence[VehicleStop]) -> Figure:
+    """What is left over the pan angle, and the horizontal field as measured."""
+    figure, (left, circle) = new_figure(
+        f"compass: {fit.rms_ut:.3f} uT rms, heading to {fit.heading_sigma_deg:.2f} deg", 2
+    )
+    for residual_ut, stop, heading_deg in zip(fit.residuals_ut, stops, fit.headings_deg, strict=True):
+        left.plot(stop.pan_deg, np.linalg.norm(residual_ut, axis=1), ".-", label=f"{heading_deg:.0f}", lw=0.8)
+        circle.plot(stop.field_ut[:, 0], stop.field_ut[:, 1], ".-", lw=0.8)
+    left.set_xlabel("pan, deg")
+    left.set_ylabel("left after the fit, uT")
+    left.set_ylim(bottom=0.0)
+    left.legend(title="heading, deg", fontsize=8, ncols=2)
+    circle.plot([0.0], [0.0], "k+")
+    circle.set_aspect("equal")
+    circle.set_xlabel("field of the pan stage, right, uT")
+    circle.set_ylabel("ahead, uT")
+    return figure
+
+
+def _turn(rig: Rig, angles: int) -> list[Stop]:
+    pan = rig.config.pan_tilt.pan
+    pans_deg = np.linspace(pan.min_deg + FROM_LIMIT_DEG, pan.max_deg - FROM_LIMIT_DEG, angles).tolist()
+    if abs(rig.pan_tilt.state().pan_deg - pans_deg[0]) > abs(rig.pan_tilt.state().pan_deg - pans_deg[-1]):
+        pans_deg.reverse()
+    return [read_stop(rig, JointAngles(pan_deg, 0.0), READING_S) for pan_deg in pans_deg]
+
+
+def _torque_field(rig: Rig, section: Mmc5983maSection, model: ModelField) -> TorqueField:
+    """The field with torque less that without, where the head stands."""
+    held = read_here(rig, rig.pan_tilt.state(), READING_S)
+    rig.pan_tilt.relax()
+    free = read_here(rig, rig.pan_tilt.state(), READING_S)
+    if held.field is None or free.field is None:
+        raise CalibrationError("compass: gave no field; calibrate again")
+    change_ut = in_axes(np.array(held.field.mean_ut) - np.array(free.field.mean_ut), section.axes)
+    heading_deg = float(np.degrees(np.arctan2(np.hypot(*change_ut[:2]), model.horizontal_ut)))
+    return TorqueField(change_ut, heading_deg)
+
+
+def _section(config: RigConfig) -> Mmc5983maSection:
+    if config.compass is None:
+        raise CalibrationError("compass: the configuration has no [compass]; add it first")
+    if not isinstance(config.compass, Mmc5983maSection):
+        raise CalibrationError(
+            "compass: one that talks headings keeps its calibration itself; calibrate it as its manual says"
+        )
+    return config.compass
+
+
+def _model(config: RigConfig) -> ModelField:
+    if config.place is None:
+        raise CalibrationError("compass: the strength of the Earth's field is looked up at [place]; add that")
+    now = datetime.now(UTC)
+    try:
+        return model_field(config.place, now)
+    except ValueError as error:
+        raise CalibrationError(
+            f"compass: the World Magnetic Model cannot tell the field: {now:%Y-%m-%d}, {error}; set the clock"
+        ) from error
+
+
+def _strength(horizontal_ut: float, down_ut: float) -> str:
+    total_ut, dip_deg = np.hypot(horizontal_ut, down_ut), np.degrees(np.arctan2(down_ut, horizontal_ut))
+    return f"{total_ut:.1f} uT, {dip_deg:.1f} deg"
+
+
+def _softness(matrix: Sequence[Sequence[float]]) -> float:
+    return float(np.abs(np.array(matrix) - np.eye(3)).max())
+
+
+def _numbers(values: Sequence[float] | Vector) -> str:
+    return ", ".join(f"{value:.2f}" for value in values)

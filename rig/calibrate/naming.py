@@ -1,0 +1,52 @@
+"""Name a calibration file in the rig's configuration, and change nothing else there."""
+
+import json
+import os
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from rig.atomic import write_atomically
+from rig.calibration import CalibrationError, Kind
+
+_SECTION = re.compile(r"^\s*\[([^\[\]]+)\]", re.MULTILINE)
+
+
+def name_in_config(config_path: Path, kind: Kind, file: Path) -> None:
+    """Set ``[calibration] kind`` to ``file``, relative to the configuration's folder; comments and all else stay.
+
+    ``CalibrationError`` where the configuration cannot be written.
+    """
+    named = os.path.relpath(file, config_path.parent)
+    try:
+        before = config_path.read_text(encoding="utf-8")
+        after = with_calibration(before, kind, named)
+        if tomllib.loads(after) != _expected(tomllib.loads(before), kind, named):
+            raise CalibrationError(
+                f"{config_path}: its [calibration] is laid out so that it cannot be changed safely; "
+                f'write there: {kind} = "{named}"'
+            )
+        write_atomically(config_path, after.encode())
+    except OSError as error:
+        raise CalibrationError(
+            f"{config_path}: cannot be changed: {error.strerror}; write under [calibration]: {kind} = {named!r}"
+        ) from error
+
+
+def with_calibration(text: str, kind: Kind, named: str) -> str:
+    """The text of a configuration with ``kind`` named in its section ``[calibration]``."""
+    line = f"{kind} = {json.dumps(named)}"
+    start = re.search(r"^\s*\[calibration\][^\n]*\n?", text, re.MULTILINE)
+    if start is None:
+        return f"{text.rstrip()}\n\n[calibration]\n{line}\n"
+    following = _SECTION.search(text, start.end())
+    end = following.start() if following else len(text)
+    section = text[start.end() : end]
+    changed, count = re.subn(rf"^\s*{kind}\s*=.*$", lambda _: line, section, count=1, flags=re.MULTILINE)
+    head = text[: start.end()] if text[: start.end()].endswith("\n") else text[: start.end()] + "\n"
+    return head + (changed if count else f"{line}\n{section}") + text[end:]
+
+
+def _expected(tables: dict[str, Any], kind: Kind, named: str) -> dict[str, Any]:
+    return {**tables, "calibration": {**tables.get("calibration", {}), kind: named}}

@@ -1,0 +1,47 @@
+"""The known place that a calibration is made at."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from localizer.dem import Dem, load_dem
+from localizer.geodesy import lonlat_to_rowcol
+from rig.calibration import CalibrationError
+
+
+@dataclass(frozen=True)
+class KnownPlace:
+    """A place on a DEM, WGS84, with its position in the DEM's lattice and the ground there."""
+
+    lat_deg: float
+    lon_deg: float
+    dem: Dem
+    row: float
+    col: float
+    ground_m: float
+
+
+def parse_place(text: str) -> tuple[float, float]:
+    """ "LAT,LON" in degrees. ``ValueError``, one sentence, where it is something else."""
+    try:
+        lat_deg, lon_deg = (float(part) for part in text.split(","))
+    except ValueError:
+        raise ValueError(
+            f"{text!r} is no place; give LAT,LON in degrees, for example 37.2012,-122.1034"
+        ) from None
+    if not (-90.0 <= lat_deg <= 90.0 and -180.0 <= lon_deg <= 360.0):
+        raise ValueError(f"{text!r} is no place on Earth; latitude comes first")
+    return lat_deg, lon_deg
+
+
+def known_place(lat_deg: float, lon_deg: float, dem_paths: tuple[Path, ...]) -> KnownPlace:
+    """The place in the elevation model. ``CalibrationError`` where that does not cover it."""
+    dem = load_dem(dem_paths)
+    row, col = (float(x) for x in lonlat_to_rowcol(dem, lon_deg, lat_deg))
+    ground_m = float(dem.ground_m(row, col))
+    if not np.isfinite(ground_m):
+        raise CalibrationError(
+            f"--at {lat_deg:.5f},{lon_deg:.5f}: {dem_paths[0]} has no height there; check the place or take another DEM"
+        )
+    return KnownPlace(lat_deg, lon_deg, dem, row, col, ground_m)

@@ -1,0 +1,73 @@
+"""What every calibration begins and ends with: which file it goes to, its picture, and its place in the configuration."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import click
+from matplotlib.figure import Figure
+from rich.console import Console
+from rich.table import Table
+
+from rig.calibrate.guide import Guide, TerminalGuide
+from rig.calibrate.naming import name_in_config
+from rig.calibration import Calibration, CalibrationError, Kind, new_id, write_calibration
+from rig.config import RigConfig, config_path, load_config
+
+FOLDER = "calibration"
+PLAIN_WIDTH = 100
+
+
+@dataclass(frozen=True)
+class Session:
+    """A calibration that goes on: the configuration in force, its file, where results go, and whom to talk to."""
+
+    config: RigConfig
+    config_path: Path
+    folder: Path
+    guide: Guide
+
+    @classmethod
+    def open(cls, config_file: Path | None, out: Path | None, yes: bool) -> "Session":
+        """From a command's options. ``ConfigError`` as the configuration deserves it."""
+        path = config_path(config_file)
+        return cls(load_config(path), path, out or path.parent / FOLDER, TerminalGuide(yes))
+
+    def header(self, kind: Kind, device: str) -> dict[str, Any]:
+        """The fields that all calibrations have."""
+        created = datetime.now(UTC).replace(microsecond=0)
+        return {
+            "id": new_id(kind, created),
+            "created": created,
+            "rig": self.config.rig.name,
+            "device": device,
+            "based_on": {
+                each.document.kind: each.document.id
+                for each in self.config.calibrations
+                if each.document.kind != kind
+            },
+        }
+
+    def finish(self, document: Calibration, rows: Sequence[tuple[str, str, str]], figure: Figure) -> None:
+        """Show the result, write file and picture, and name the file in the configuration if that is wanted.
+
+        ``rows`` are name, value and sigma or remark. Prints the result and the file on standard output.
+        """
+        table = Table("", "value", "sigma")
+        for row in rows:
+            table.add_row(*row)
+        console = Console()
+        (console if console.is_terminal else Console(width=PLAIN_WIDTH)).print(table)
+        path = write_calibration(document, self.folder)
+        picture = path.with_suffix(".png")
+        try:
+            figure.savefig(picture)
+        except OSError as error:
+            raise CalibrationError(f"{picture}: cannot be written: {error.strerror}") from error
+        click.echo(path)
+        self.guide.say(f"picture: {picture}")
+        question = f"Use it from now on, by naming it in {self.config_path}?"
+        if self.guide.agrees(question):
+            name_in_config(self.config_path, document.kind, path)
