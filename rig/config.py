@@ -27,6 +27,7 @@ from rig.calibration import CALIBRATION_ORDER, AppliedCalibration, CalibrationEr
 from rig.config_problems import joined, wrong_keys, wrong_value
 from rig.directions import Direction, parse_directions
 from rig.errors import ConfigError
+from rig.keep_out import described, zone_at
 
 ENVIRONMENT_VARIABLE = "SKYFIX_CONFIG"
 MOST_SOFT_IRON = 0.5
@@ -118,6 +119,21 @@ class Servo(_Section):
         return self
 
 
+class KeepOut(_Section):
+    """``[[pan_tilt.keep_out]]``: pan and tilt between these angles at the same time are never driven to or through."""
+
+    pan_min_deg: Annotated[float, Field(ge=-180.0, le=180.0)] = -180.0
+    pan_max_deg: Annotated[float, Field(ge=-180.0, le=180.0)] = 180.0
+    tilt_min_deg: Annotated[float, Field(ge=-180.0, le=180.0)] = -180.0
+    tilt_max_deg: Annotated[float, Field(ge=-180.0, le=180.0)] = 180.0
+
+    @model_validator(mode="after")
+    def _is_a_part_of_the_range(self) -> Self:
+        if not (self.pan_min_deg < self.pan_max_deg and self.tilt_min_deg < self.tilt_max_deg):
+            raise ValueError("a keep-out zone needs each min_deg below its max_deg")
+        return self
+
+
 class PanTiltSection(_Section):
     """``[pan_tilt]``: two Dynamixel X servos on one bus."""
 
@@ -130,6 +146,7 @@ class PanTiltSection(_Section):
     azimuth_sigma_deg: Positive = 0.1
     pan: Servo
     tilt: Servo
+    keep_out: Annotated[tuple[KeepOut, ...], Field(strict=False)] = ()
 
     @model_validator(mode="after")
     def _two_servos_and_a_level_head(self) -> Self:
@@ -329,6 +346,12 @@ class RigConfig(_Section):
                 raise ValueError(
                     f"[capture] base_attitude_pan_angles_deg: {angle_deg:g} is beyond [pan_tilt.pan] "
                     f"min_deg {pan.min_deg:g} and max_deg {pan.max_deg:g}"
+                )
+            zone = zone_at((angle_deg, 0.0), self.pan_tilt.keep_out)
+            if zone:
+                raise ValueError(
+                    f"[capture] base_attitude_pan_angles_deg: pan {angle_deg:g}, tilt 0 lies in the keep-out zone "
+                    f"{described(zone)}"
                 )
         if (
             isinstance(self.compass, Mmc5983maSection)

@@ -3,7 +3,7 @@
 import difflib
 import re
 from collections.abc import Iterator
-from typing import Any, get_args
+from typing import Any, get_args, get_origin
 
 from pydantic import BaseModel
 from pydantic_core import ErrorDetails
@@ -37,7 +37,10 @@ def wrong_keys(table: dict[str, Any], model: type[BaseModel], section: Keys = ()
         if key in missing:
             yield f"{_place((*section, key), bool(models))}: missing {_noun(bool(models))}"
         elif key in table and models:
-            yield from _wrong_keys_in_section(table[key], models, (*section, key))
+            # [[section]] may come any number of times
+            several = get_origin(field.annotation) is tuple and isinstance(table[key], list)
+            for each in table[key] if several else [table[key]]:
+                yield from _wrong_keys_in_section(each, models, (*section, key))
 
 
 def wrong_value(error: ErrorDetails, tables: dict[str, Any]) -> str:

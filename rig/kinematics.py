@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from localizer.camera import camera_to_world
-from rig.config import RigConfig
+from rig.config import KeepOut, RigConfig
 from rig.errors import GoalError
+from rig.keep_out import require_allowed
 
 Rotation = NDArray[np.float64]
 
@@ -43,6 +44,7 @@ class Head:
     pan_range_deg: tuple[float, float]
     tilt_range_deg: tuple[float, float]
     boresight: Attitude
+    keep_out: tuple[KeepOut, ...] = ()
 
     @classmethod
     def from_config(cls, config: RigConfig) -> "Head":
@@ -52,6 +54,7 @@ class Head:
             (pan.min_deg, pan.max_deg),
             (tilt.min_deg, tilt.max_deg),
             Attitude(camera.boresight_azimuth_deg, camera.boresight_tilt_deg, camera.boresight_roll_deg),
+            config.pan_tilt.keep_out,
         )
 
 
@@ -119,8 +122,8 @@ def measured_pointing(
 def joints_for(azimuth_deg: float, tilt_deg: float, base: Attitude, head: Head) -> JointAngles:
     """Joint angles at which the optical axis has this true azimuth and tilt.
 
-    ``GoalError`` where the head cannot turn there: the limits do not allow it, or no joint angles exist
-    (close to the pan axis of a camera that sits askew).
+    ``GoalError`` where the head cannot turn there: the limits or a keep-out zone do not allow it, or no joint angles
+    exist (close to the pan axis of a camera that sits askew).
     """
     goal = f"azimuth {azimuth_deg % 360.0:.1f}, tilt {tilt_deg:.1f} deg"
     wanted = body_rotation(base).T @ camera_to_world(azimuth_deg, tilt_deg, 0.0)[:, 2]
@@ -132,10 +135,12 @@ def joints_for(azimuth_deg: float, tilt_deg: float, base: Attitude, head: Head) 
     tilt = np.arcsin(wanted[2] / reach) - np.arctan2(axis[2], axis[1])
     forward = axis[1] * np.cos(tilt) - axis[2] * np.sin(tilt)
     pan = np.degrees(np.arctan2(wanted[0], wanted[1]) - np.arctan2(axis[0], forward))
-    return JointAngles(
+    joints = JointAngles(
         _within(float(pan), head.pan_range_deg, "pan", goal),
         _within(float(np.degrees(tilt)), head.tilt_range_deg, "tilt", goal),
     )
+    require_allowed((joints.pan_deg, joints.tilt_deg), head.keep_out)
+    return joints
 
 
 def wrapped_deg(angle_deg: float) -> float:

@@ -7,6 +7,7 @@ Pan is clockwise-positive seen from above, tilt up-positive; 0, 0 is where both 
 import logging
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from types import TracebackType
@@ -18,7 +19,9 @@ from rig.bus.serial_port import SerialPort
 from rig.dynamixel import control_table as table
 from rig.dynamixel.servo import Servo, ServoState, read_states, require_models
 from rig.dynamixel.servo_bus import ServoBus
-from rig.errors import DeviceError, GoalError, RigError
+from rig.errors import DeviceError, GoalError, RigError, TransientError
+from rig.fault_notes import note_fault
+from rig.keep_out import Zone, route
 
 _log = logging.getLogger(__name__)
 
@@ -68,6 +71,12 @@ class PanTiltParameters(Protocol):
     def pan(self) -> AxisParameters: ...
     @property
     def tilt(self) -> AxisParameters: ...
+    @property
+    def keep_out(self) -> Sequence[Zone]: ...
+
+
+class StoppedError(TransientError):
+    """The head stopped on its way although nothing is in it: nobody spoke to it, or it lost its torque."""
 
 
 @dataclass(frozen=True)
@@ -137,6 +146,7 @@ class PanTilt:
             self._bus.close()
             raise
         self._goal_deg: tuple[float, float] | None = None
+        self._holding: set[int] = set()
         try:
             for axis in self._axes:
                 self._configure(axis)
@@ -179,14 +189,47 @@ class PanTilt:
             for axis in self._axes
         )
 
-    def move_to(self, pan_deg: float, tilt_deg: float) -> None:
-        """Start towards both angles; ``wait_settled`` waits for the end.
+    def go_to(self, pan_deg: float, tilt_deg: float) -> HeadState:
+        """Move to both angles, round the keep-out zones, and wait until the head stands there.
 
-        Raises ``GoalError`` before anything moves where an angle is outside its limits, ``DeviceError`` where
-        a servo reports a hardware error or cannot be commanded.
+        A head that lost its torque or was stopped by its bus watchdog on the way is set up anew and sent on. Raises
+        what ``move_to`` and ``wait_settled`` raise.
         """
-        goals = [axis.goal_tick(a) for axis, a in zip(self._axes, (pan_deg, tilt_deg), strict=True)]
-        self._require_healthy(self.state())
+        self._goal_ticks(pan_deg, tilt_deg)
+        state = self.state()
+        low, high = self._limits_deg()
+        here = state.pan_deg, state.tilt_deg
+        for stop in route(here, (pan_deg, tilt_deg), self._parameters.keep_out, low, high):
+            state = retry(partial(self._leg, *stop), tries=3, within_s=3 * self._parameters.settle_timeout_s)
+        return state
+
+    def _leg(self, pan_deg: float, tilt_deg: float) -> HeadState:
+        self.move_to(pan_deg, tilt_deg)
+        return self.wait_settled()
+
+    def _limits_deg(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        pan, tilt = self._parameters.pan, self._parameters.tilt
+        return (pan.min_deg, tilt.min_deg), (pan.max_deg, tilt.max_deg)
+
+    def _goal_ticks(self, pan_deg: float, tilt_deg: float) -> list[int]:
+        return [axis.goal_tick(a) for axis, a in zip(self._axes, (pan_deg, tilt_deg), strict=True)]
+
+    def move_to(self, pan_deg: float, tilt_deg: float) -> None:
+        """Start straight towards both angles; ``wait_settled`` waits for the end.
+
+        Raises ``GoalError`` before anything moves where an angle is outside its limits or the way leads through a
+        keep-out zone, ``DeviceError`` where a servo reports a hardware error or cannot be commanded.
+        """
+        goals = self._goal_ticks(pan_deg, tilt_deg)
+        state = self.state()
+        self._require_healthy(state)
+        low, high = self._limits_deg()
+        here, goal_deg = (state.pan_deg, state.tilt_deg), (pan_deg, tilt_deg)
+        if len(route(here, goal_deg, self._parameters.keep_out, low, high)) > 1:
+            raise GoalError(
+                f"the straight way to pan {pan_deg:.1f}, tilt {tilt_deg:.1f} deg leads through a keep-out zone; "
+                "go round it in several moves"
+            )
         for axis in self._axes:
             self._make_ready(axis)
         for axis, goal in zip(self._axes, goals, strict=True):
@@ -197,11 +240,14 @@ class PanTilt:
         """Torque on and watchdog armed, with the configured speed, whatever happened since the last move."""
         servo = axis.servo
         if not retry(partial(servo.read, "Torque Enable")):  # never on yet, let go, or power was lost
+            if servo.servo_id in self._holding:
+                note_fault(servo.name, "lost its torque: a restart or a power cut", "set up anew")
             self._configure(axis)
             retry(partial(servo.hold, axis.min_tick, axis.max_tick))
+            self._holding.add(servo.servo_id)
         elif retry(servo.bus_watchdog_tripped):
             # The head stopped because nobody spoke to it. A new goal is a wish to go on: clear it on purpose.
-            _log.warning("%s had been stopped by its bus watchdog; clearing it", servo.name)
+            note_fault(servo.name, "had been stopped by its bus watchdog", "cleared and sent on")
             retry(servo.disarm_bus_watchdog)
             speed = self._parameters.velocity_deg_s, self._parameters.acceleration_deg_s2
             retry(partial(servo.set_profile, *speed))
@@ -224,11 +270,16 @@ class PanTilt:
         )
 
     def _alerts(self, states: list[ServoState]) -> tuple[str, ...]:
-        return tuple(
-            f"{servo.name}: {', '.join(retry(servo.hardware_errors)) or 'alert without a hardware error'}"
-            for servo, state in zip(self._servos, states, strict=True)
-            if state.alert
-        )
+        alerts = []
+        for servo, state in zip(self._servos, states, strict=True):
+            if not state.alert:
+                continue
+            errors = retry(servo.hardware_errors)
+            if errors:
+                alerts.append(f"{servo.name}: {', '.join(errors)}")
+            else:  # the alert bit is the sum of the error bits: without one there is nothing to stop for
+                note_fault(servo.name, "raised its alert bit without a hardware error", "went on")
+        return tuple(alerts)
 
     def _require_healthy(self, state: HeadState) -> None:
         if state.alerts:
@@ -275,18 +326,23 @@ class PanTilt:
                 continue
             where = f"at {angle_deg:.1f} deg on its way to {goal_deg:.1f} deg"
             if retry(axis.servo.bus_watchdog_tripped):
-                problem = f"its bus watchdog stopped it {where}"
-                remedy = "nobody spoke to it in time: raise bus_watchdog_ms, or move again"
-            elif not retry(partial(axis.servo.read, "Torque Enable")):
-                problem = f"lost its torque {where}"
-                remedy = "check the servo's power supply, then move again"
-            else:
-                problem, remedy = f"stopped {where}", "look for what blocks it"
-            raise DeviceError(axis.servo.name, problem, remedy)
+                raise StoppedError(
+                    axis.servo.name,
+                    f"its bus watchdog stopped it {where}",
+                    "nobody spoke to it in time: raise bus_watchdog_ms, or move again",
+                )
+            if not retry(partial(axis.servo.read, "Torque Enable")):
+                raise StoppedError(
+                    axis.servo.name,
+                    f"lost its torque {where}",
+                    "check the servo's power supply, then move again",
+                )
+            raise DeviceError(axis.servo.name, f"stopped {where}", "look for what blocks it")
 
     def relax(self) -> None:
         """Torque off, for each servo even where another fails. Raises ``DeviceError`` naming all failed."""
         self._goal_deg = None
+        self._holding.clear()
         failures = []
         for servo in self._servos:
             try:

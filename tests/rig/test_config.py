@@ -45,7 +45,7 @@ def test_the_example_is_valid_and_shows_every_key() -> None:
     for section in sections:
         assert section is not None
         for key in type(section).model_fields:
-            assert re.search(rf"^#? ?{key} = |^\[pan_tilt\.{key}\]", text, re.MULTILINE), key
+            assert re.search(rf"^#? ?{key} = |^(# \[)?\[pan_tilt\.{key}\]", text, re.MULTILINE), key
 
 
 def test_bundles_go_beside_the_file(tmp_path: Path) -> None:
@@ -232,3 +232,14 @@ def test_which_file() -> None:
     assert config_path(None, {"SKYFIX_CONFIG": "b.toml"}) == Path("b.toml")
     with pytest.raises(ConfigError, match="--config FILE or set SKYFIX_CONFIG"):
         config_path(None, {})
+
+
+def test_keep_out_zones_are_checked(tmp_path: Path) -> None:
+    def zone(keys: str) -> tuple[str, str]:
+        return (r"^# \[\[pan_tilt.keep_out\]\]$", f"[[pan_tilt.keep_out]]\n{keys}\n")
+
+    zones = load_changed(tmp_path, zone("pan_min_deg = 160.0\ntilt_max_deg = -10.0")).pan_tilt.keep_out
+    assert [(z.pan_min_deg, z.pan_max_deg, z.tilt_max_deg) for z in zones] == [(160.0, 180.0, -10.0)]
+    assert problem(tmp_path, zone("pan_mim_deg = 160.0")).startswith("[pan_tilt.keep_out] pan_mim_deg: unknown key")
+    assert "needs each min_deg below its max_deg" in problem(tmp_path, zone("pan_max_deg = -180.0"))
+    assert "pan 135, tilt 0 lies in the keep-out zone pan 100 to 180" in problem(tmp_path, zone("pan_min_deg = 100.0"))

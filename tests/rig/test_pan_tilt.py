@@ -1,5 +1,6 @@
 """The head on servos that answer at wire level: angles, settling, bus watchdog, torque off always."""
 
+import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
@@ -7,7 +8,9 @@ from dataclasses import dataclass, field, replace
 import pytest
 from fakes.servos import GOAL, HARDWARE_ERROR, POSITION, TORQUE, WATCHDOG, FakeServo, FakeServoBus
 
+from rig.config import KeepOut
 from rig.errors import DeviceError, GoalError, TransientError, WrongDeviceError
+from rig.fault_notes import collecting
 from rig.pan_tilt import PanTilt
 
 
@@ -31,6 +34,7 @@ class Parameters:
     settle_timeout_s: float = 2.0
     pan: Axis = field(default_factory=lambda: Axis(1))
     tilt: Axis = field(default_factory=lambda: Axis(2, direction=-1, min_deg=-40.0, max_deg=60.0))
+    keep_out: tuple[KeepOut, ...] = ()
 
 
 @pytest.fixture
@@ -313,3 +317,61 @@ def test_setting_up_that_fails_half_way_leaves_no_torque_and_a_free_port(paramet
 def refuse_writes_to(servo: FakeServo, address: int, monkeypatch: pytest.MonkeyPatch) -> None:
     write: Callable[[int, bytes], int] = servo.write
     monkeypatch.setattr(servo, "write", lambda a, data: 4 if a == address else write(a, data))
+
+
+ANTENNA = KeepOut(pan_min_deg=40.0, pan_max_deg=60.0, tilt_min_deg=-30.0, tilt_max_deg=20.0)
+
+
+def test_the_head_goes_round_a_keep_out_zone(parameters, servos):
+    with PanTilt(replace(parameters, keep_out=(ANTENNA,))) as head:
+        head.go_to(30.0, 0.0)
+        servos.writes.clear()
+        state = head.go_to(90.0, 0.0)
+        assert (state.pan_deg, state.tilt_deg) == (pytest.approx(90.0, abs=0.1), pytest.approx(0.0, abs=0.1))
+        tilts = [-(goal - 2048) * 360 / 4096 for servo, goal in servos.written(GOAL) if servo == 2]
+        assert tilts[0] > 21.0, "over it"
+
+
+def test_a_goal_in_a_keep_out_zone_is_refused_before_anything_moves(parameters, servos):
+    with PanTilt(replace(parameters, keep_out=(ANTENNA,))) as head:
+        for move in (head.go_to, head.move_to):
+            with pytest.raises(
+                GoalError, match=r"lies in the keep-out zone pan 40 to 60, tilt -30 to 20 deg"
+            ):
+                move(50.0, 0.0)
+        with pytest.raises(GoalError, match=r"the straight way .* leads through a keep-out zone"):
+            head.move_to(90.0, 0.0)
+        assert not servos.written(GOAL)
+
+
+def test_a_zone_that_cannot_be_passed(parameters, servos):
+    wall = KeepOut(pan_min_deg=40.0, pan_max_deg=60.0)
+    with PanTilt(replace(parameters, keep_out=(wall,))) as head:
+        with pytest.raises(GoalError, match=r"no way from pan 0\.0, tilt -?0\.0 to pan 90\.0"):
+            head.go_to(90.0, 0.0)
+        servos.servos[1].put(POSITION, 4, 2048 + 569)
+        with pytest.raises(
+            GoalError, match=r"the head stands at pan 50\.0, tilt -?0\.0 deg, in the keep-out zone"
+        ):
+            head.go_to(90.0, 0.0)
+        assert not servos.written(GOAL)
+
+
+def test_a_head_that_lost_its_torque_on_the_way_is_set_up_anew_and_sent_on(head, servos):
+    slow(servos)
+
+    def lose_power() -> None:
+        servos.servos[1].registers[TORQUE] = 0
+        servos.servos[1].speed_tick_s = 20_000.0
+
+    threading.Timer(0.3, lose_power).start()
+    with collecting() as notes:
+        assert head.go_to(50.0, 0.0).pan_deg == pytest.approx(50.0, abs=0.1)
+    assert any("lost its torque at" in note.problem for note in notes.all())
+
+
+def test_an_alert_without_a_hardware_error_is_noted(head, servos, monkeypatch):
+    monkeypatch.setattr(servos.servos[1], "false_alert", True)
+    with collecting() as notes:
+        assert head.go_to(5.0, 0.0).alerts == ()
+    assert {note.problem for note in notes.all()} == {"raised its alert bit without a hardware error"}

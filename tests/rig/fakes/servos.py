@@ -42,6 +42,7 @@ class FakeServo:
     firmware: int = 45
     speed_tick_s: float = 20_000.0
     silent: bool = False
+    false_alert: bool = False
     stuck: bool = False
     creeps: bool = False
     registers: bytearray = field(default_factory=lambda: bytearray(147))
@@ -165,7 +166,7 @@ class FakeServoBus:
                 self._send(self._status(servo, instruction, parameters))
 
     def _status(self, servo: FakeServo, instruction: int, parameters: bytes) -> bytes:
-        alert = 0x80 if servo.registers[HARDWARE_ERROR] else 0
+        alert = 0x80 if servo.registers[HARDWARE_ERROR] or servo.false_alert else 0
         if instruction == 0x01:
             return status_packet(servo.servo_id, alert, bytes(servo.registers[0:2] + servo.registers[6:7]))
         if instruction in (0x02, 0x82):
