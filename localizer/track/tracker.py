@@ -8,6 +8,7 @@ no second witness, and counts in place of the first if it explains more, else no
 """
 
 import dataclasses
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, Self
@@ -55,8 +56,9 @@ INSIDE = 0.9
 """Of its radius: a place nearer its edge may only be the way to one outside."""
 WIDEST_RADIUS_SHARE = 0.25
 """Of the DEM's side: a wider circle saves nothing."""
-EVIDENCE_KEPT = 0.5
-"""A true place explains one look about as well as the next; one found near a wrong place explains less."""
+EVIDENCE_KEPT, EVIDENCE_ENOUGH = 0.5, 2.0 * CERTAIN_EVIDENCE
+"""A true place explains one look about as well as the next; one found near a wrong place explains less. A search near by needs
+that share of the last look's evidence or that much of its own, or the whole DEM is asked."""
 
 
 class TrackerError(SkyfixError):
@@ -112,8 +114,10 @@ class Step:
 
 def follow_bundle(tracker: Tracker, leg: Movement | None, terrain: Terrain, bundle: Bundle) -> Step:
     """As ``follow``, from the pictures. Raises ``BundleError`` where one cannot be read."""
+    begin = time.perf_counter()
     skylines = [find_skyline(frame_image(bundle, frame)) for frame in bundle.frames]
-    return follow(tracker, leg, terrain, observe(bundle, skylines), bundle.id)
+    timing_s = {"horizon": time.perf_counter() - begin}
+    return follow(tracker, leg, terrain, observe(bundle, skylines), bundle.id, timing_s)
 
 
 def follow(
