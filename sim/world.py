@@ -7,6 +7,7 @@ from the seed, so that one more draw for one purpose changes nothing for the oth
 import zlib
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -150,6 +151,11 @@ class World:
         """
         surface = Surface(read_terrain(dem_paths))
         observer = draw_place(surface, scenario, random_generator(seed, "place"))
+        return cls.around(surface, observer, scenario, seed)
+
+    @classmethod
+    def around(cls, surface: Surface, observer: Observer, scenario: Scenario, seed: int) -> "World":
+        """Draw everything but the place: ``observer`` is the camera's optical centre."""
         place = _place(surface, observer)
         base = _draw_base(scenario, random_generator(seed, "base"))
         air = _draw_air(scenario, random_generator(seed, "weather"))
@@ -300,6 +306,7 @@ def _on_water(surface: Surface, row: int, col: int) -> bool:
     return bool((around == around[0, 0]).all())
 
 
+@lru_cache(maxsize=4)
 def _distance_from_edge_m(surface: Surface) -> Array:
     """How far each lattice point is from the nearest void or the DEM's edge, metres (rows, cols)."""
     known = np.pad(np.isfinite(surface.height_m), 1, constant_values=False)

@@ -38,10 +38,10 @@ from sim.failures import one_line_failures
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
 @click.option(
     "--level",
-    type=click.Choice(["contour"]),
+    type=click.Choice(["contour", "image"]),
     default="contour",
     show_default=True,
-    help="Where cases start: contours, without pictures.",
+    help="Start from contours, or render pictures and let the localizer find them.",
 )
 @click.option(
     "--estimator-only",
@@ -91,12 +91,18 @@ def evaluate(
         raise click.UsageError("give --dem, --scenario and --out, or --photos")
 
     from sim.evaluate.case import Experiment
+    from sim.evaluate.image_level import refuse_contour_faults
     from sim.evaluate.progress import counting
     from sim.evaluate.report import write_report
     from sim.evaluate.run import run_cases
     from sim.evaluate.scenario import load_evaluation_scenario
 
-    experiment = Experiment(dems, load_evaluation_scenario(scenario_path), seed, level, estimator_only)
+    scenario = load_evaluation_scenario(scenario_path)
+    if level == "image":
+        if estimator_only:
+            raise click.UsageError("--estimator-only has no pictures; leave --level image away.")
+        refuse_contour_faults(scenario)
+    experiment = Experiment(dems, scenario, seed, level, estimator_only)
     folder.mkdir(parents=True, exist_ok=True)
     numbers = sorted(set(only)) or list(range(cases))
     with counting(len(numbers)) as report:

@@ -56,7 +56,8 @@ def contour_noise(columns: int, scenario: EvaluationScenario, rng: np.random.Gen
     white: Array = errors.contour_sigma_px * rng.standard_normal(columns)
     spread = errors.contour_correlation_px / 2.0
     smooth = ndimage.gaussian_filter1d(rng.standard_normal(columns), spread, mode="wrap")
-    return white + errors.contour_correlated_sigma_px * smooth * np.sqrt(2.0 * spread * np.sqrt(np.pi))
+    smooth *= errors.contour_correlated_sigma_px * np.sqrt(2.0 * spread * np.sqrt(np.pi))
+    return np.asarray(white + smooth)
 
 
 def _stretches(

@@ -41,6 +41,9 @@ class CaseRow(BaseModel):
     evidence: float | None
     prior_chi2: float | None
     azimuth_bias_deg: float | None
+    columns_used: int
+    contour_median_px: float | None  # of the distances from the terrain's true skyline
+    contour_stray_share: float | None  # of the columns used, more than 3 px from it
     cells: int
     after_altitude: int
     after: str  # JSON: cells left after each direction

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from sim.scenario import CameraOptics, Finite, NonNegative, Place, Positive, Section, read_toml
+from sim.scenario import CameraOptics, Finite, NonNegative, Place, Positive, Section, Weather, read_toml
 
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
 
@@ -107,6 +107,7 @@ class EvaluationScenario(Section):
     vehicle: Vehicle = Vehicle()
     view: View = View()
     camera: CameraOptics = CameraOptics()
+    weather: Weather = Weather()  # of pictures
     errors: Errors = Errors()
     told: Told = Told()
     dem_error: DemError | None = None
