@@ -150,13 +150,13 @@ def altimeter(
 
     session = Session.open(config_file, out_dir, yes)
     if at is not None:
-        altitude_m = _place(at, dem_paths).ground_m + session.config.rig.mast_height_m
+        altitude_m = known_place_of(at, dem_paths).ground_m + session.config.rig.mast_height_m
     assert altitude_m is not None
     with stopping_cleanly():
         calibrate_altimeter(session, KnownAltitude(altitude_m, sigma_m), air_c, drift_m_h)
 
 
-def _place(at: str, dem_paths: tuple[Path, ...]) -> "KnownPlace":
+def known_place_of(at: str, dem_paths: tuple[Path, ...]) -> "KnownPlace":
     from rig.calibrate.place import known_place, parse_place
 
     if not dem_paths:
@@ -199,3 +199,62 @@ def compass(config_file: Path | None, out_dir: Path | None, yes: bool, headings:
     session = Session.open(config_file, out_dir, yes)
     with stopping_cleanly():
         calibrate_compass(session, headings, angles)
+
+
+place_sigma_option = click.option(
+    "--place-sigma",
+    "place_sigma_m",
+    type=click.FloatRange(0.1),
+    default=4.0,
+    show_default=True,
+    help="How well the place is known, metres.",
+)
+dem_sigma_option = click.option(
+    "--dem-sigma",
+    "dem_sigma_m",
+    type=click.FloatRange(0.0),
+    default=1.5,
+    show_default=True,
+    help="How far the DEM's ridges are off in height, metres.",
+)
+
+
+@calibrate.command()
+@config_option
+@out_option
+@yes_option
+@at_option
+@dem_option
+@place_sigma_option
+@dem_sigma_option
+@click.option(
+    "--directions", type=click.IntRange(4, 24), default=8, show_default=True, help="To look in, all round."
+)
+def boresight(
+    config_file: Path | None,
+    out_dir: Path | None,
+    yes: bool,
+    at: str | None,
+    dem_paths: tuple[Path, ...],
+    place_sigma_m: float,
+    dem_sigma_m: float,
+    directions: int,
+) -> None:
+    """How the camera sits against head and sensors, from the skyline that the DEM has at a known place.
+
+    Example: rig calibrate boresight --at 37.2012,-122.1034 --dem terrain.tif
+    """
+    if at is None:
+        raise click.UsageError(
+            "Give --at LAT,LON and --dem FILE: the boresight is measured at a known place."
+        )
+
+    from rig.calibrate.boresight import calibrate_boresight
+    from rig.calibrate.boresight_fit import PlaceSigmas
+    from rig.calibrate.session import Session
+
+    session = Session.open(config_file, out_dir, yes)
+    place = known_place_of(at, dem_paths)
+    with stopping_cleanly():
+        sigmas = PlaceSigmas(place_sigma_m, dem_sigma_m, dem_sigma_m)
+        calibrate_boresight(session, place, sigmas, directions)

@@ -1,0 +1,202 @@
+"""Calibrate the boresight at a known place, or check there whether the calibration still holds."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from localizer.camera import pixel_rays
+from localizer.horizon.from_image import CONFIDENT, ColumnState, find_skyline
+from rig.calibrate.boresight_fit import BoresightFit, PlaceSigmas, SkylineFrame, fit_boresight
+from rig.calibrate.figures import new_figure
+from rig.calibrate.horizon_profile import STEP_DEG, HorizonProfile, horizon_profile
+from rig.calibrate.place import KnownPlace
+from rig.calibrate.session import Session
+from rig.calibration import BoresightCalibration, Matrix
+from rig.capture import View, in_passing, look
+from rig.config import RigConfig
+from rig.connect import Rig, connect
+from rig.directions import Direction, parse_direction
+from rig.kinematics import Attitude, Head, JointAngles, body_attitude, head_rotation, wrapped_deg
+from rig.standing import Standing, measure_standing
+
+Vector = NDArray[np.float64]
+
+POINTS_APART_PX = 6
+LEAST_SIGMA_PX = 0.3
+HOLDS_SIGMAS = 3.0
+HOLDS_DEG = Attitude(0.15, 0.03, 0.08)
+"""Differences that matter to nobody, whatever their sigmas say."""
+
+
+@dataclass(frozen=True)
+class Offset:
+    """How far one angle is from what the calibration says, its sigma, and whether that is as it should be."""
+
+    name: str
+    off_deg: float
+    sigma_deg: float
+    holds: bool
+
+
+def calibrate_boresight(session: Session, place: KnownPlace, sigmas: PlaceSigmas, directions: int) -> None:
+    """Guide, measure, fit and write. ``CalibrationError`` with the reason where the result is not to be trusted."""
+    session.guide.ready("Park exactly at the known place, with a clear view of the ridges all round.")
+    fit, profile, device = measure_boresight(session.config, place, sigmas, directions, session.guide.say)
+    found = fit.boresight
+    document = BoresightCalibration(
+        **session.header("boresight", device),
+        azimuth_deg=found.azimuth_deg,
+        tilt_deg=found.tilt_deg,
+        roll_deg=found.roll_deg,
+        covariance_deg2=_matrix(fit.covariance_deg2),
+        fit={
+            "lat_deg": place.lat_deg,
+            "lon_deg": place.lon_deg,
+            "points": len(fit.residual_deg),
+            "misfit_deg": fit.misfit_deg,
+            "misfit_sigmas": fit.misfit_sigmas,
+            "heading_bias_deg": fit.heading_bias_deg,
+            "azimuth_sum_sigma_deg": fit.azimuth_sum_sigma_deg,
+            "off_m": list(fit.off_m),
+        },
+    )
+    sigma = np.sqrt(np.diag(fit.covariance_deg2))
+    east_m, north_m, up_m = fit.off_m
+    rows = [
+        ("camera in the head: azimuth, deg", f"{found.azimuth_deg:.3f}", f"{sigma[0]:.3f}"),
+        ("tilt, deg", f"{found.tilt_deg:.3f}", f"{sigma[1]:.3f}"),
+        ("roll, deg", f"{found.roll_deg:.3f}", f"{sigma[2]:.3f}"),
+        (
+            "azimuth with the heading's error, deg",
+            f"{fit.azimuth_sum_deg:.3f}",
+            f"{fit.azimuth_sum_sigma_deg:.3f}",
+        ),
+        ("place, m (east, north, up)", f"{east_m:.1f}, {north_m:.1f}, {up_m:.1f}", "from what was given"),
+        ("misfit, deg", f"{fit.misfit_deg:.3f}", f"{len(fit.residual_deg)} points"),
+    ]
+    session.finish(document, rows, draw(fit, profile))
+
+
+def measure_boresight(
+    config: RigConfig,
+    place: KnownPlace,
+    sigmas: PlaceSigmas,
+    directions: int,
+    say: Callable[[str], None],
+) -> tuple[BoresightFit, HorizonProfile, str]:
+    """Look all round and fit; also the DEM's skyline, and the camera's identity."""
+    profile = horizon_profile(place, place.ground_m + config.rig.mast_height_m)
+    around = [parse_direction(str(i * 360.0 / directions)) for i in range(directions)]
+    with connect(config) as rig:
+        standing = measure_standing(rig)
+        say(f"vehicle: heading {standing.attitude.azimuth_deg:.1f} +- {standing.heading.sigma_deg:.1f} deg")
+        frames = look_round(rig, standing, around, say)
+        device = rig.camera.identify()
+    camera = config.camera
+    start = Attitude(camera.boresight_azimuth_deg, camera.boresight_tilt_deg, camera.boresight_roll_deg)
+    return (
+        fit_boresight(frames, profile, start, standing.heading.sigma_deg, sigmas),
+        profile,
+        device,
+    )
+
+
+def look_round(
+    rig: Rig, standing: Standing, directions: Sequence[Direction], say: Callable[[str], None]
+) -> list[SkylineFrame]:
+    """A frame in each direction, with its skyline."""
+    head = Head.from_config(rig.config)
+    frames = []
+    for direction in in_passing(directions, standing.attitude, head, rig.pan_tilt.state().pan_deg):
+        view = look(rig, direction, standing, head)
+        frames.append(skyline_frame(rig.config, direction, standing, view))
+        say(f"{direction.label}: skyline in {view.skyline_share:.0%} of the columns")
+    return frames
+
+
+def skyline_frame(config: RigConfig, direction: Direction, standing: Standing, view: View) -> SkylineFrame:
+    """A view as the fit takes it."""
+    before, after = view.before, view.state
+    joints = JointAngles((before.pan_deg + after.pan_deg) / 2, (before.tilt_deg + after.tilt_deg) / 2)
+    azimuth_deg = body_attitude(head_rotation(standing.attitude, joints)).azimuth_deg
+    level = standing.level
+    skyline = find_skyline(view.image_bgr)
+    columns = np.arange(POINTS_APART_PX // 2, len(skyline.row_px), POINTS_APART_PX)
+    sure = (skyline.state == ColumnState.OK) & (skyline.confidence >= CONFIDENT)
+    columns = columns[sure[columns]]
+    sigma_px = np.maximum(skyline.sigma_px[columns], LEAST_SIGMA_PX)
+    return SkylineFrame(
+        direction.label,
+        Attitude(
+            azimuth_deg, view.level.tilt_deg - level.tilt_zero_deg, view.level.roll_deg - level.roll_zero_deg
+        ),
+        pixel_rays(config.camera, columns, skyline.row_px[columns]).reshape(-1, 3),
+        np.degrees(sigma_px / config.camera.fy_px),
+        view.skyline_share,
+        config.pan_tilt.azimuth_sigma_deg,
+        config.inclinometer.tilt_sigma_deg,
+    )
+
+
+def offsets(config: RigConfig, fit: BoresightFit, heading_sigma_deg: float) -> list[Offset]:
+    """What the skyline says against the calibration in force."""
+    camera = config.camera
+    sum_sigma_deg = float(
+        np.hypot(fit.azimuth_sum_sigma_deg, np.hypot(heading_sigma_deg, camera.boresight_azimuth_sigma_deg))
+    )
+    measured = [
+        (
+            "azimuth",
+            wrapped_deg(fit.azimuth_sum_deg - camera.boresight_azimuth_deg),
+            sum_sigma_deg,
+            HOLDS_DEG.azimuth_deg,
+        ),
+        (
+            "tilt",
+            fit.boresight.tilt_deg - camera.boresight_tilt_deg,
+            float(np.sqrt(fit.covariance_deg2[1, 1] + camera.boresight_tilt_sigma_deg**2)),
+            HOLDS_DEG.tilt_deg,
+        ),
+        (
+            "roll",
+            wrapped_deg(fit.boresight.roll_deg - camera.boresight_roll_deg),
+            float(np.sqrt(fit.covariance_deg2[2, 2] + camera.boresight_roll_sigma_deg**2)),
+            HOLDS_DEG.roll_deg,
+        ),
+    ]
+    return [
+        Offset(name, off, sigma, abs(off) <= max(HOLDS_SIGMAS * sigma, harmless))
+        for name, off, sigma, harmless in measured
+    ]
+
+
+def draw(fit: BoresightFit, profile: HorizonProfile) -> Figure:
+    """The DEM's skyline with the points seen, and what is left."""
+    figure, (above, below) = new_figure(
+        f"boresight: misfit {fit.misfit_deg:.3f} deg, {len(fit.residual_deg)} points", 2
+    )
+    step = 5
+    azimuths = np.arange(0.0, 360.0, STEP_DEG)[::step]
+    above.plot(azimuths, profile.elevation_deg[::step], "k-", lw=0.7, label="DEM")
+    for number in np.unique(fit.frame):
+        mine = fit.frame == number
+        at = fit.azimuth_deg[mine] % 360.0
+        above.plot(at, fit.elevation_deg[mine], ".", ms=3)
+        below.plot(at, fit.residual_deg[mine], ".", ms=3)
+    above.set_ylabel("elevation, deg")
+    above.legend()
+    limit = max(6.0 * fit.misfit_deg, 0.05)
+    below.set_ylim(-limit, limit)
+    below.axhline(0.0, color="0.5", lw=0.8)
+    below.set_ylabel("left after the fit, deg")
+    for axes in (above, below):
+        axes.set_xlabel("azimuth, deg")
+    return figure
+
+
+def _matrix(rows: Vector) -> Matrix:
+    (a, b, c), (d, e, f), (g, h, i) = rows.tolist()
+    return (a, b, c), (d, e, f), (g, h, i)
