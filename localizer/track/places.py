@@ -20,6 +20,8 @@ Matrix = tuple[tuple[float, float], tuple[float, float]]
 GEOD = Geod(ellps="WGS84")
 LEAST_SHARE = 1e-3
 """Of the weight of either partner of a fusion; beyond it one of them says it all."""
+LEVEL = 1e-6
+"""Areas whose logarithms differ by less are equal."""
 
 
 class Place(BaseModel):
@@ -107,11 +109,18 @@ def fuse(first: Place, second: Place) -> Place:
     def area(share: float) -> float:
         return float(np.linalg.slogdet(fused(share)[1])[1])
 
-    best = minimize_scalar(area, bounds=(LEAST_SHARE, 1.0 - LEAST_SHARE), method="bounded")
+    # where all is common every share may cover the same area: then both count alike
+    share = float(
+        minimize_scalar(
+            lambda share: area(share) + LEVEL * (share - 0.5) ** 2,
+            bounds=(LEAST_SHARE, 1.0 - LEAST_SHARE),
+            method="bounded",
+        ).x
+    )
     for alone in sorted((first, second), key=lambda p: float(np.linalg.det(p.covariance))):
-        if np.linalg.slogdet(alone.covariance)[1] <= area(float(best.x)):
+        if np.linalg.slogdet(alone.covariance)[1] < area(share) - LEVEL:
             return alone
-    gain, whole, shared = fused(float(best.x))
+    gain, whole, shared = fused(share)
     lat_deg, lon_deg = _point(first, gain @ offset_m(first, second))
     return place(lat_deg, lon_deg, whole, shared)
 
