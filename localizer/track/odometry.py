@@ -78,7 +78,7 @@ class VectorLeg(_Leg):
     east_m: Metres
     north_m: Metres
     sigma_m: SigmaMetres | None = None
-    covariance_m2: Annotated[Matrix, Field(strict=False)] | None = None
+    covariance_m2: Matrix | None = None
     """Of (east, north)."""
 
     @model_validator(mode="after")
@@ -129,7 +129,7 @@ def parse_leg(text: str | bytes) -> Movement | None:
     else:
         raise ValueError(f"says nothing of a movement; give {FORMS}")
     try:
-        return kind.model_validate(fields).movement()
+        return kind.model_validate_json(text).movement()
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         field = ".".join(str(part) for part in first["loc"])
