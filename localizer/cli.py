@@ -2,7 +2,6 @@
 
 import datetime
 import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import NoReturn
 
@@ -10,35 +9,17 @@ import click
 
 from localizer import command_line
 from localizer.bundle import frame_image, load_bundle
+from localizer.command_line import check_picture_path
 from localizer.dem import load_dem
-from localizer.dem_file import VERTICAL_UNITS
 from localizer.dem_info import dem_info, info_fields, info_text, suspect_zeros, zeros_note
-from localizer.errors import SkyfixError
+from localizer.dem_options import dem_options
+from localizer.predict.command import predict
 from localizer.report import load_truth, report
-
-PICTURE_SUFFIXES = (".png", ".jpg", ".svg", ".pdf")
 
 
 def main() -> NoReturn:
     """Entry point of the program."""
     command_line.run(localizer, "localizer")
-
-
-def dem_options(command: Callable[..., object]) -> Callable[..., object]:
-    """What a person may have to say about elevation files that do not say it themselves."""
-    for option in (
-        click.option(
-            "--nodata", type=float, metavar="VALUE", help="A further value that means void, as --nodata 0."
-        ),
-        click.option(
-            "--crs", metavar="CRS", help="The grid's CRS, where the file does not say it, as EPSG:4326."
-        ),
-        click.option(
-            "--vertical-unit", type=click.Choice(list(VERTICAL_UNITS)), help="The unit of the elevations."
-        ),
-    ):
-        command = option(command)
-    return command
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -103,7 +84,7 @@ def locate(
     Example: localizer locate bundles/20261123T043151Z-3f9a --dem terrain.tif --report report
     """
     if plot_path is not None:
-        _check_plot_path(plot_path)
+        check_picture_path("--plot", plot_path)
     truth = load_truth(truth_path) if truth_path is not None else None
     bundle = load_bundle(bundle_path)
     dem = load_dem(dem_paths, vertical_unit=vertical_unit, crs=crs, nodata=nodata)
@@ -134,9 +115,7 @@ def locate(
 
 
 @localizer.command()
-@click.argument(
-    "bundle_paths", metavar="BUNDLE...", nargs=-1, required=True, type=click.Path(path_type=Path)
-)
+@click.argument("bundle_paths", metavar="BUNDLE...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option(
     "--dem",
     "dem_paths",
@@ -199,7 +178,7 @@ def track(
     Example: localizer track bundles/* --dem terrain.tif --odometry legs.jsonl --plot track.png
     """
     if plot_path is not None:
-        _check_plot_path(plot_path)
+        check_picture_path("--plot", plot_path)
     truths = [load_truth(path) for path in truth_paths]
 
     from localizer.track.command import run_track
@@ -209,6 +188,9 @@ def track(
     if zeros:
         click.echo(f"localizer: {zeros_note(zeros)}", err=True)
     return run_track(bundle_paths, dem, odometry_path, as_json, plot_path, truths)
+
+
+localizer.add_command(predict)
 
 
 @localizer.group()
@@ -245,11 +227,3 @@ def info(
     model = load_dem(paths, vertical_unit=vertical_unit, crs=crs, nodata=nodata)
     facts = dem_info(model, date.date() if date else datetime.datetime.now(datetime.UTC).date())
     click.echo(json.dumps(info_fields(model, facts)) if as_json else info_text(model, facts))
-
-
-def _check_plot_path(path: Path) -> None:
-    """Before the search rather than after it."""
-    if path.suffix.lower() not in PICTURE_SUFFIXES:
-        raise SkyfixError(f"--plot: {path}: no picture format; name it {', '.join(PICTURE_SUFFIXES)}")
-    if not path.parent.is_dir():
-        raise SkyfixError(f"--plot: {path}: no such folder: {path.parent}")

@@ -1,6 +1,7 @@
-"""How every command of skyfix ends: one clear line for an expected failure, and the exit status of the contract."""
+"""What commands share: how they end (one clear line for an expected failure, the contract's exit status), common options."""
 
 import sys
+from pathlib import Path
 from typing import NoReturn
 
 import click
@@ -8,6 +9,7 @@ import click
 from localizer.errors import SkyfixError
 
 INTERRUPTED = 130  # 128 + SIGINT, as shells have it
+PICTURE_SUFFIXES = (".png", ".jpg", ".svg", ".pdf")
 
 
 def run(command: click.Command, program: str) -> NoReturn:
@@ -28,6 +30,14 @@ def run(command: click.Command, program: str) -> NoReturn:
     except (click.Abort, KeyboardInterrupt):
         _fail(program, "interrupted", INTERRUPTED)
     sys.exit(status if isinstance(status, int) else 0)
+
+
+def check_picture_path(option: str, path: Path) -> None:
+    """Before the work rather than after it. Raises ``SkyfixError``."""
+    if path.suffix.lower() not in PICTURE_SUFFIXES:
+        raise SkyfixError(f"{option}: {path}: no picture format; name it {', '.join(PICTURE_SUFFIXES)}")
+    if not path.parent.is_dir():
+        raise SkyfixError(f"{option}: {path}: no such folder: {path.parent}")
 
 
 def _fail(program: str, message: str, status: int) -> NoReturn:

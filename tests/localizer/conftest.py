@@ -1,6 +1,7 @@
-"""What several tests of the localizer start from: a small elevation file, a small bundle."""
+"""What several tests of the localizer start from: a small elevation file, a small bundle, the command."""
 
 import json
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import pytest
 import rasterio
 from affine import Affine
 
+from localizer import cli
 from localizer.bundle import Bundle, Camera, Frame, sha256_of
 
 SANTA_CRUZ = Path(__file__).parents[2] / "sim" / "terrain" / "santa_cruz_srtm_1s.tif"
@@ -124,3 +126,34 @@ def edit_bundle(bundle_dir: Path) -> Callable[[Callable[[dict[str, Any]], object
         return bundle_dir
 
     return edit
+
+
+@pytest.fixture
+def run(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> Callable[..., tuple[Any, str, str]]:
+    """Runs ``localizer`` with arguments: exit status, standard output, standard error."""
+
+    def run(*arguments: object) -> tuple[Any, str, str]:
+        monkeypatch.setattr(sys, "argv", ["localizer", *map(str, arguments)])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        return end.value.code, *capfd.readouterr()
+
+    return run
+
+
+@pytest.fixture
+def refused(run: Callable[..., tuple[Any, str, str]]) -> Callable[..., str]:
+    """Runs ``localizer`` with bad input and returns the one line that it says."""
+
+    def refused(*arguments: object) -> str:
+        status, out, err = run(*arguments)
+        assert status == 2
+        assert out == ""
+        assert err.count("\n") == 1
+        assert err.startswith("localizer")
+        assert "Traceback" not in err
+        return err
+
+    return refused

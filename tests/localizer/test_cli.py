@@ -8,39 +8,8 @@ import numpy as np
 import pytest
 from affine import Affine
 
-from localizer import cli
 from localizer.details import FrameDetail, LocateDetails, LocateResult
 from localizer.fix import Candidate, Fix, Nuisance, Position, Stage1Counts
-
-
-@pytest.fixture
-def run(monkeypatch, capfd):
-    """Runs ``localizer`` with arguments: exit status, standard output, standard error."""
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["localizer", *map(str, arguments)])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        return end.value.code, *capfd.readouterr()
-
-    return run
-
-
-@pytest.fixture
-def refused(run):
-    """Runs ``localizer`` with bad input and returns the one line that it says."""
-
-    def refused(*arguments):
-        status, out, err = run(*arguments)
-        assert status == 2
-        assert out == ""
-        assert err.count("\n") == 1
-        assert err.startswith("localizer")
-        assert "Traceback" not in err
-        return err
-
-    return refused
-
 
 # ---- dem info
 
@@ -337,7 +306,7 @@ def test_every_bad_input_of_locate_is_told_in_one_line_before_the_search(
     assert calls == []
 
 
-@pytest.mark.parametrize("command", [[], ["locate"], ["dem"], ["dem", "info"]])
+@pytest.mark.parametrize("command", [[], ["locate"], ["predict"], ["dem"], ["dem", "info"]])
 def test_help_has_an_example(run, command):
     status, out, _ = run(*command, "--help")
     assert status == 0

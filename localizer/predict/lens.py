@@ -1,0 +1,101 @@
+"""A camera pointed so that a skyline lies in the middle of its picture."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from localizer.bundle import FILE_NAME, Camera
+from localizer.camera import azimuth_elevation_deg, camera_to_world, pixel_rays, project
+from localizer.errors import SkyfixError
+from localizer.predict.views import View
+
+Floats = NDArray[np.float64]
+
+HEADROOM_DEG = 2.0
+"""The skyline may rise and fall by so much just beside what the middle row sees."""
+
+
+@dataclass(frozen=True)
+class Pointed:
+    """A level camera in one direction."""
+
+    camera: Camera
+    azimuth_deg: float
+    tilt_deg: float
+
+    @property
+    def rotation(self) -> Floats:
+        """Camera to world."""
+        return camera_to_world(self.azimuth_deg, self.tilt_deg, 0.0)
+
+    def pixels(self, azimuth_deg: Floats, elevation_deg: Floats) -> tuple[Floats, Floats]:
+        """u, v of directions."""
+        return project(self.camera, self.rotation, azimuth_deg, elevation_deg)
+
+    def directions_deg(self, u_px: Floats, v_px: Floats) -> tuple[Floats, Floats]:
+        """Azimuth and elevation of pixels (n,)."""
+        return azimuth_elevation_deg(pixel_rays(self.camera, u_px, v_px) @ self.rotation.T)
+
+
+def load_camera(path: Path) -> Camera:
+    """The camera of a bundle (its folder or its bundle.json), or of a JSON file with nothing but a camera.
+
+    Raises ``SkyfixError``.
+    """
+    file = path / FILE_NAME if path.is_dir() else path
+    try:
+        fields = json.loads(file.read_bytes())
+    except OSError as error:
+        raise SkyfixError(f"--camera: {file}: {error.strerror}") from None
+    except ValueError:
+        raise SkyfixError(f"--camera: {file}: is not JSON; name a bundle or its {FILE_NAME}") from None
+    if isinstance(fields, dict) and "camera" in fields:
+        fields = fields["camera"]
+    try:
+        return Camera.model_validate_json(json.dumps(fields))
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        field = ".".join(["camera", *(str(part) for part in first["loc"])])
+        raise SkyfixError(f"--camera: {file}: {field}: {first['msg']}") from None
+
+
+def width_deg(camera: Camera) -> float:
+    """Angle between the outermost columns in the middle row."""
+    rays = pixel_rays(camera, np.array([-0.5, camera.width_px - 0.5]), np.full(2, camera.cy_px))
+    left, right = np.degrees(np.arctan2(rays[:, 0], rays[:, 2]))
+    return float(right - left)
+
+
+def pointed_at(camera: Camera, seen: View) -> Pointed:
+    """Tilted so that the skyline's lowest and highest points lie equally far from the middle."""
+    met = seen.elevation_deg[np.isfinite(seen.distance_m)]
+    middle_deg = 0.5 * float(met.min() + met.max()) if met.size else 0.0
+    return Pointed(camera, seen.azimuth_deg, middle_deg)
+
+
+def whole_width_deg(pointed: Pointed, seen: View) -> float:
+    """How wide a view must be to reach both sides of the picture where the skyline runs: more, the steeper the tilt."""
+    camera = pointed.camera
+    v_px = np.linspace(-0.5, camera.height_px - 0.5, 200)
+    u_px = np.repeat([-0.5, camera.width_px - 0.5], len(v_px))
+    azimuth_deg, elevation_deg = pointed.directions_deg(u_px, np.tile(v_px, 2))
+    met = seen.elevation_deg[np.isfinite(seen.distance_m)]
+    lowest, highest = (met.min(), met.max()) if met.size else (0.0, 0.0)
+    beside = (elevation_deg > lowest - HEADROOM_DEG) & (elevation_deg < highest + HEADROOM_DEG)
+    offset_deg = np.abs((azimuth_deg - pointed.azimuth_deg + 180.0) % 360.0 - 180.0)
+    return max(seen.width_deg, 2.0 * float(offset_deg[beside].max(initial=0.0)))
+
+
+def notes(pointed: Pointed, seen: View) -> list[str]:
+    """What the camera does not get of the skyline."""
+    u_px, v_px = pointed.pixels(seen.azimuths_deg, seen.elevation_deg)
+    across = (u_px > -0.5) & (u_px < pointed.camera.width_px - 0.5)
+    missed = across & ~((v_px > -0.5) & (v_px < pointed.camera.height_px - 0.5))
+    share = float(missed.sum() / max(across.sum(), 1))
+    if share == 0.0:
+        return []
+    return [f"{share:.0%} of the skyline lies above or below the picture, tilted {pointed.tilt_deg:+.1f}°"]
