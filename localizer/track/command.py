@@ -1,11 +1,12 @@
 """``localizer track``: several bundles one after the other."""
 
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import click
 
-from localizer.bundle import load_bundle
+from localizer.bundle import Bundle, load_bundle
 from localizer.dem import Dem
 from localizer.errors import SkyfixError
 from localizer.report import Truth, report
@@ -38,6 +39,7 @@ def run_track(
     legs = len(bundle_paths) - 1
     odometry: Odometry = load_odometry(odometry_path, legs) if odometry_path else (None,) * legs
     bundles = [load_bundle(path) for path in bundle_paths]
+    _check_sequence(bundles)
     terrain = prepare_terrain(dem)
     load_kernels(terrain)
     tracker = Tracker()
@@ -55,3 +57,18 @@ def run_track(
 
         draw_track(plot_path, steps, odometry, dem, truths)
     return last.exit_status
+
+
+def _check_sequence(bundles: Sequence[Bundle]) -> None:
+    """One look that counts twice would confirm itself; a wrong order is only noted, since clocks are set back."""
+    ids = [bundle.id for bundle in bundles]
+    twice = next((bundle_id for bundle_id in ids if ids.count(bundle_id) > 1), None)
+    if twice is not None:
+        raise SkyfixError(f"bundle {twice}: is named twice; name each once, in the order of the drive")
+    for before, after in pairwise(bundles):
+        if after.created < before.created:
+            click.echo(
+                f"localizer: bundle {after.id} was taken before {before.id}, which is named before it; "
+                "the odometry is taken in the order of the names",
+                err=True,
+            )
