@@ -62,11 +62,11 @@ def inclinometer(world: World, head: HeadNow, clock: Clock) -> FittedChip:
     """The accelerometer in the head."""
     wanted = world.scenario.inclinometer
     mounting = MOUNTING[wanted.chip]
-    to_chip, offset_g = chip_axes(mounting), np.array(world.biases.inclinometer_offset_mg) / 1000.0
+    to_chip = chip_axes(mounting)
 
     def acceleration_g() -> Array:
         state = head()
-        return to_chip @ (world.gravity_in_head(state.pan_deg, state.tilt_deg) + offset_g)
+        return to_chip @ world.accelerometer_in_head(state.pan_deg, state.tilt_deg)
 
     chip = (Adxl355 if wanted.chip == "adxl355" else Iis2iclx)(
         acceleration_g,
@@ -90,7 +90,7 @@ def compass(world: World, head: HeadNow, clock: Clock) -> FittedChip | FittedTal
 
     def field_ut() -> Array:
         state = head()
-        return to_chip @ world.field_in_pan_stage(state.pan_deg, state.moving)
+        return to_chip @ world.field_in_pan_stage(state.pan_deg, state.moving, state.holding)
 
     x, y, z = (float(offset) for offset in rng.normal(0.0, wanted.bridge_offset_sigma_ut, 3))
     chip = Mmc5983ma(

@@ -4,7 +4,7 @@ import json
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -94,6 +94,7 @@ def simulated_rig(
     *,
     picture: Picture | None = None,
     bundle_dir: Path | None = None,
+    calibration: Mapping[str, Path] | None = None,
     faults: Sequence[Fault] = (),
     say: Callable[[str], None] = lambda what: None,
 ) -> Iterator[SimulatedRig]:
@@ -101,7 +102,8 @@ def simulated_rig(
 
     ``picture`` draws what the camera sees from its axes in east, north, up (3, 3): (height, width, 3), BGR; the
     world's terrain and sky unless given. ``bundle_dir`` is where the rig puts bundles when not told otherwise:
-    ``bundles`` in the current folder. ``faults`` are played, and ``say`` hears when.
+    ``bundles`` in the current folder. ``calibration`` names calibration files in the configuration, by their kind.
+    ``faults`` are played, and ``say`` hears when.
     """
     picture = picture or Renderer(world, render_panorama(world)).frame
     start_s = time.monotonic()
@@ -114,7 +116,12 @@ def simulated_rig(
     def head() -> JointState:
         """Where the joints are at this moment; ``world.head`` follows."""
         (pan_deg, pan_moves), (tilt_deg, tilt_moves) = pan.shaft(), tilt.shaft()
-        world.head.set(PAN.angle_deg(pan_deg), TILT.angle_deg(tilt_deg), pan_moves or tilt_moves)
+        world.head.set(
+            PAN.angle_deg(pan_deg) + world.biases.pan_zero_deg,
+            TILT.angle_deg(tilt_deg) + world.biases.tilt_zero_deg,
+            pan_moves or tilt_moves,
+            bool(pan.register("torque_enable") or tilt.register("torque_enable")),
+        )
         return world.head.state()
 
     with ExitStack() as running:
@@ -182,6 +189,7 @@ def simulated_rig(
             altimeter=keys(others["altimeter"]),
             camera_source=camera.url,
             bundle_dir=bundle_dir,
+            calibration={kind: str(file.absolute()) for kind, file in (calibration or {}).items()},
         )
         config_path.write_text(config, encoding="utf-8")
         truth_path.write_text(json.dumps(world.truth_json(), indent=2), encoding="utf-8")

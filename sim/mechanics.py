@@ -52,12 +52,37 @@ class Attitude:
     roll_deg: float
 
 
-@dataclass(frozen=True)
+def turned_about_axes(angles_deg: tuple[float, float, float]) -> Rotation:
+    """Axes of a body (3, 3) that was turned about x, then about its new y, then about its new z."""
+    x, y, z = np.radians(angles_deg)
+    about_x = np.array([[1.0, 0.0, 0.0], [0.0, np.cos(x), -np.sin(x)], [0.0, np.sin(x), np.cos(x)]])
+    about_y = np.array([[np.cos(y), 0.0, np.sin(y)], [0.0, 1.0, 0.0], [-np.sin(y), 0.0, np.cos(y)]])
+    about_z = np.array([[np.cos(z), -np.sin(z), 0.0], [np.sin(z), np.cos(z), 0.0], [0.0, 0.0, 1.0]])
+    return np.asarray(about_x @ about_y @ about_z)
+
+
+def body_attitude(rotation: Rotation) -> Attitude:
+    """The inverse of ``body_in_world``, for a body that does not point straight up or down."""
+    right, forward, up = rotation.T
+    heading = np.arctan2(forward[0], forward[1])
+    level_right = np.array([np.cos(heading), -np.sin(heading), 0.0])
+    roll = np.arctan2(up @ level_right, right @ level_right)
+    return Attitude(
+        float(np.degrees(heading)) % 360.0, float(np.degrees(np.arcsin(forward[2]))), float(np.degrees(roll))
+    )
+
+
+@dataclass
 class Mechanics:
-    """The chain from the ground to the camera."""
+    """The chain from the ground to the camera. The vehicle may turn on the spot: ``base`` then changes."""
 
     base: Attitude
     boresight: Attitude
+
+    def turn_vehicle(self, by_deg: float) -> None:
+        """Turn the base to the right about its own upright axis, as a vehicle on a slope turns."""
+        base = body_in_world(self.base.heading_deg, self.base.pitch_deg, self.base.roll_deg)
+        self.base = body_attitude(base @ pan_stage_in_base(by_deg))
 
     def pan_stage_in_world(self, pan_deg: float) -> Rotation:
         """Axes of the pan stage in east, north, up (3, 3)."""
@@ -81,6 +106,7 @@ class JointState:
     pan_deg: float
     tilt_deg: float
     moving: bool
+    holding: bool = False  # with torque
 
 
 class Head:
@@ -90,10 +116,10 @@ class Head:
         self._lock = threading.Lock()
         self._state = JointState(0.0, 0.0, False)
 
-    def set(self, pan_deg: float, tilt_deg: float, moving: bool) -> None:
+    def set(self, pan_deg: float, tilt_deg: float, moving: bool, holding: bool = False) -> None:
         """Replace the whole state at once."""
         with self._lock:
-            self._state = JointState(pan_deg, tilt_deg, moving)
+            self._state = JointState(pan_deg, tilt_deg, moving, holding)
 
     def state(self) -> JointState:
         """The whole state of one moment."""

@@ -37,6 +37,7 @@ def rig_config(
     altimeter: Mapping[str, Any],
     camera_source: str,
     bundle_dir: Path,
+    calibration: Mapping[str, str],
 ) -> str:
     """The whole configuration, as TOML.
 
@@ -81,14 +82,23 @@ def rig_config(
                 "source": camera_source,
                 "width_px": camera.width_px,
                 "height_px": camera.height_px,
-                "fx_px": camera.fx_px,
-                "fy_px": camera.fy_px,
-                "cx_px": camera.cx_px,
-                "cy_px": camera.cy_px,
-                "distortion": list(camera.distortion),
+                **_told_intrinsics(world),
             },
+            "calibration": calibration,
         }
     )
+
+
+def _told_intrinsics(world: World) -> dict[str, Any]:
+    """What the lens's maker says, or a calibration has found: as wrong as the scenario wants it."""
+    camera, biases = world.scenario.camera, world.biases
+    return {
+        "fx_px": camera.fx_px * biases.told_focal[0],
+        "fy_px": camera.fy_px * biases.told_focal[1],
+        "cx_px": camera.cx_px + biases.told_centre_px[0],
+        "cy_px": camera.cy_px + biases.told_centre_px[1],
+        "distortion": [0.0] * 5 if camera.told_without_distortion else list(camera.distortion),
+    }
 
 
 def _azimuth_sigma_deg(scenario: Scenario) -> float:
@@ -101,7 +111,8 @@ def _zero_sigma_deg(scenario: Scenario) -> float:
     """Zero error of the accelerometer, its drift over the usual span of temperatures, and its mounting."""
     chip = scenario.inclinometer
     drift_mg = chip.temperature_drift_sigma_mg_c * USUAL_TEMPERATURE_SPAN_C
-    return math.hypot(math.degrees(math.hypot(chip.zero_offset_sigma_mg, drift_mg) / 1000), ALIGNMENT_DEG)
+    zero_deg = math.degrees(math.hypot(chip.zero_offset_sigma_mg, drift_mg) / 1000)
+    return math.hypot(zero_deg, chip.mounting_sigma_deg, scenario.servo.zero_sigma_deg, ALIGNMENT_DEG)
 
 
 def _compass_sigma_deg(world: World) -> float:
@@ -113,7 +124,10 @@ def _compass_sigma_deg(world: World) -> float:
     compass = world.scenario.compass
     horizontal_ut = math.hypot(*world.field.enu_ut[:2])
     iron_deg = math.degrees(compass.hard_iron_calibration_sigma_ut / horizontal_ut)
-    mount_deg = world.scenario.boresight.azimuth_sigma_deg
+    vehicle_deg = math.degrees(compass.vehicle_hard_iron_sigma_ut / horizontal_ut)
+    soft_deg = math.degrees(math.hypot(compass.soft_iron_sigma, compass.vehicle_soft_iron_sigma))
+    iron_deg = math.hypot(iron_deg, vehicle_deg, soft_deg)
+    mount_deg = math.hypot(world.scenario.boresight.azimuth_sigma_deg, world.scenario.servo.zero_sigma_deg)
     noise_deg = 0.0 if compass.kind == "mmc5983ma" else compass.talker_noise_deg
     return 1.2 * math.hypot(compass.declination_anomaly_sigma_deg, iron_deg, mount_deg, noise_deg, 0.1)
 

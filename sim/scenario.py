@@ -37,6 +37,9 @@ class Place(Section):
 
     lat_deg: Latitude | None = None
     lon_deg: Longitude | None = None
+    stop: Annotated[int, Field(ge=0)] = (
+        0  # on a trip: another one, another place and lean; same rig, same weather
+    )
     max_slope_deg: Positive = 25.0  # what the vehicle can drive on
     edge_margin_m: NonNegative = 1000.0  # the place, and what forms its horizon, stay this far inside the DEM
     enclosed_fraction: Annotated[float, Field(ge=0.0, le=1.0)] = (
@@ -74,6 +77,7 @@ class Servo(Section):
     backlash_deg: NonNegative = 0.05  # whole width of the play between gear and head
     settle_sigma_deg: NonNegative = 0.03  # how far from its goal friction lets the shaft come to rest
     encoder_noise_ticks: NonNegative = 0.2  # of one reading
+    zero_sigma_deg: NonNegative = 0.0  # of each joint: by how much the installer's zero tick is off
     swing_deg: NonNegative = 0.1  # the head swings on after a stop from 60 deg/s, and comes to rest
     max_velocity_deg_s: Positive = 240.0  # what the motor reaches whatever its profile asks for
     supply_voltage_v: Positive = 12.0
@@ -86,6 +90,8 @@ class Inclinometer(Section):
     noise_density_ug_rthz: NonNegative = 22.5
     zero_offset_sigma_mg: NonNegative = 0.2  # per axis, what is left after zeroing
     temperature_drift_sigma_mg_c: NonNegative = 0.02  # per axis and degree away from 20 C, where zeroed
+    mounting_sigma_deg: NonNegative = 0.0  # per axis: how askew the chip sits in the head
+    scale_sigma: NonNegative = 0.0  # per axis, as a share
 
 
 class Compass(Section):
@@ -95,8 +101,12 @@ class Compass(Section):
     noise_ut: NonNegative = 0.04  # per axis and sample
     hard_iron_sigma_ut: NonNegative = 5.0  # per axis, fixed to the pan stage
     hard_iron_calibration_sigma_ut: NonNegative = 0.2  # per axis, error of the crew's calibration of it
+    soft_iron_sigma: NonNegative = 0.0  # per element of the pan stage's symmetric matrix
+    vehicle_hard_iron_sigma_ut: NonNegative = 0.0  # per axis, fixed to the vehicle
+    vehicle_soft_iron_sigma: NonNegative = 0.0  # per element of the vehicle's symmetric matrix
     declination_anomaly_sigma_deg: NonNegative = 0.4  # the local field against the World Magnetic Model
     motor_current_field_ut: NonNegative = 8.0  # while a motor moves
+    holding_current_field_ut: NonNegative = 0.0  # while the motors hold the head with torque
     bridge_offset_sigma_ut: NonNegative = 15.0  # of the chip, per axis; SET and RESET uncover it
     talker_noise_deg: NonNegative = 0.2  # per sentence, for kinds that send headings
 
@@ -132,7 +142,7 @@ class Weather(Section):
 
 
 class CameraOptics(Section):
-    """The camera as it truly is. The rig is told the same intrinsics: calibration finds them well."""
+    """The camera as it truly is, and how far off is what the rig is told of it."""
 
     width_px: Annotated[int, Field(ge=16, le=4096)] = 640
     height_px: Annotated[int, Field(ge=16, le=4096)] = 480
@@ -147,6 +157,9 @@ class CameraOptics(Section):
         -0.0003,
         0.0,
     )  # k1 k2 p1 p2 k3
+    told_focal_sigma: NonNegative = 0.0  # of each focal length, as a share
+    told_centre_sigma_px: NonNegative = 0.0  # of the principal point
+    told_without_distortion: bool = False
     blur_px: NonNegative = 0.6  # sigma of the point spread
     noise: NonNegative = 2.0  # sigma of a mid-grey pixel, of 255
     exposure: Positive = 1.0  # 1 is right

@@ -17,7 +17,7 @@ from pygeomag import GeoMag
 from scipy import ndimage
 
 from sim.errors import SimulationError
-from sim.mechanics import Attitude, Head, Mechanics, Rotation
+from sim.mechanics import Attitude, Head, Mechanics, Rotation, pan_stage_in_base, turned_about_axes
 from sim.scenario import Scenario
 from sim.surface import Observer, Surface
 from sim.terrain import crs_name, read_terrain
@@ -62,16 +62,25 @@ class Biases:
     """What was drawn from the scenario's sigmas: constant errors of this rig on this day."""
 
     boresight: Attitude
+    pan_zero_deg: float  # true joint angle less what the installer's zero tick makes of it
+    tilt_zero_deg: float
     inclinometer_offset_mg: tuple[
         float, float, float
     ]  # head x, y, z; zero error and temperature drift together
+    inclinometer_mounting_deg: tuple[float, float, float]  # turns about head x, y, z, in this order
+    inclinometer_scale: tuple[float, float, float]
     hard_iron_ut: tuple[float, float, float]  # pan stage x, y, z
     hard_iron_calibrated_ut: tuple[float, float, float]  # what the crew believes it to be
+    soft_iron: tuple[tuple[float, float, float], ...]  # of the pan stage
+    vehicle_hard_iron_ut: tuple[float, float, float]  # base x, y, z
+    vehicle_soft_iron: tuple[tuple[float, float, float], ...]
     declination_anomaly_deg: float
     altimeter_bias_hpa: float
     weather_drift_hpa_h: float
     reference_pressure_error_hpa: float
     reference_temperature_error_c: float
+    told_focal: tuple[float, float]  # factors on fx and fy
+    told_centre_px: tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -128,7 +137,7 @@ class MagneticField:
 
 @dataclass(frozen=True)
 class World:
-    """The truth about one simulated rig. Immutable but for ``head``, where the servos put the joints."""
+    """The truth about one simulated rig. Immutable but for where the joints are and how the vehicle is turned."""
 
     scenario: Scenario
     seed: int
@@ -187,15 +196,27 @@ class World:
         up_in_head: Array = self.mechanics.head_in_world(pan_deg, tilt_deg)[2]
         return up_in_head.copy()
 
-    def field_in_pan_stage(self, pan_deg: float, moving: bool = False) -> Array:
+    def accelerometer_in_head(self, pan_deg: float, tilt_deg: float) -> Array:
+        """What the rig's own chip reads without noise (3,), g, in the axes that it should have: askew, off scale, off zero."""
+        askew = turned_about_axes(self.biases.inclinometer_mounting_deg)
+        seen = askew.T @ self.gravity_in_head(pan_deg, tilt_deg)
+        reading: Array = seen * self.biases.inclinometer_scale
+        return reading + np.array(self.biases.inclinometer_offset_mg) / 1000.0
+
+    def field_in_pan_stage(self, pan_deg: float, moving: bool = False, holding: bool = False) -> Array:
         """The field at the magnetometer (3,), µT, in the pan stage.
 
-        The Earth's with its local anomaly, the hard iron, and the motors' while they move.
+        The Earth's with its local anomaly, bent by the iron of vehicle and pan stage, and the motors' while they draw current.
         """
-        earth = self.mechanics.pan_stage_in_world(pan_deg).T @ np.array(self.field.enu_ut)
-        total: Array = earth + np.array(self.biases.hard_iron_ut)
+        biases, compass = self.biases, self.scenario.compass
+        earth = self.mechanics.pan_stage_in_world(0.0).T @ np.array(self.field.enu_ut)
+        at_base = np.array(biases.vehicle_soft_iron) @ earth + np.array(biases.vehicle_hard_iron_ut)
+        at_stage = pan_stage_in_base(pan_deg).T @ at_base
+        total: Array = np.array(biases.soft_iron) @ at_stage + np.array(biases.hard_iron_ut)
         if moving:
-            total += MOTOR_FIELD_DIRECTION * self.scenario.compass.motor_current_field_ut
+            total += MOTOR_FIELD_DIRECTION * compass.motor_current_field_ut
+        elif holding:
+            total += MOTOR_FIELD_DIRECTION * compass.holding_current_field_ut
         return total
 
     def magnetic_heading_deg(self, pan_deg: float, moving: bool = False) -> float:
@@ -366,9 +387,29 @@ def _draw_biases(scenario: Scenario, temperature_c: float, seed: int) -> Biases:
     zero_mg = tilt_meter.normal(size=3) * scenario.inclinometer.zero_offset_sigma_mg
     drift_mg_c = tilt_meter.normal(size=3) * scenario.inclinometer.temperature_drift_sigma_mg_c
     hard_iron = compass.normal(size=3) * scenario.compass.hard_iron_sigma_ut
+    askew, bent, told = (
+        random_generator(seed, purpose) for purpose in ("chip mounting", "soft iron", "told camera")
+    )
+    joints = random_generator(seed, "joint zeros").normal(size=2) * scenario.servo.zero_sigma_deg
+    mounting_deg = askew.normal(size=3) * scenario.inclinometer.mounting_sigma_deg
+    scale = 1.0 + askew.normal(size=3) * scenario.inclinometer.scale_sigma
+    stage_soft = _bent(bent, scenario.compass.soft_iron_sigma)
+    vehicle_soft = _bent(bent, scenario.compass.vehicle_soft_iron_sigma)
+    vehicle_hard = bent.normal(size=3) * scenario.compass.vehicle_hard_iron_sigma_ut
+    focal = 1.0 + told.normal(size=2) * scenario.camera.told_focal_sigma
+    centre_px = told.normal(size=2) * scenario.camera.told_centre_sigma_px
     believed = hard_iron + compass.normal(size=3) * scenario.compass.hard_iron_calibration_sigma_ut
     return Biases(
         boresight=Attitude(*(float(x) for x in boresight)),
+        pan_zero_deg=float(joints[0]),
+        tilt_zero_deg=float(joints[1]),
+        inclinometer_mounting_deg=_triple(mounting_deg),
+        inclinometer_scale=_triple(scale),
+        soft_iron=stage_soft,
+        vehicle_hard_iron_ut=_triple(vehicle_hard),
+        vehicle_soft_iron=vehicle_soft,
+        told_focal=(float(focal[0]), float(focal[1])),
+        told_centre_px=(float(centre_px[0]), float(centre_px[1])),
         inclinometer_offset_mg=_triple(zero_mg + drift_mg_c * (temperature_c - ZEROING_TEMPERATURE_C)),
         hard_iron_ut=_triple(hard_iron),
         hard_iron_calibrated_ut=_triple(believed),
@@ -380,6 +421,12 @@ def _draw_biases(scenario: Scenario, temperature_c: float, seed: int) -> Biases:
             altimeter.normal() * scenario.altimeter.reference_temperature_sigma_c
         ),
     )
+
+
+def _bent(rng: np.random.Generator, sigma: float) -> tuple[tuple[float, float, float], ...]:
+    """A symmetric matrix close to the identity: what soft iron makes of a field."""
+    random = np.triu(rng.normal(size=(3, 3))) * sigma
+    return tuple(_triple(row) for row in np.eye(3) + random + np.triu(random, 1).T)
 
 
 def _triple(vector: Array) -> tuple[float, float, float]:
