@@ -24,7 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.config import CameraSection
-from rig.errors import DeviceError
+from rig.errors import DeviceError, TransientError
+from rig.fault_notes import note_fault
 from rig.readings import Instant
 
 Image = NDArray[np.uint8]
@@ -32,6 +33,7 @@ Image = NDArray[np.uint8]
 WAITED_S = 0.004
 """A grab that took longer found nothing to take, and waited: the frame that it returned came after it began."""
 THREAD_END_S = 2.0
+REOPEN_PAUSE_S = 0.2
 
 
 @dataclass(frozen=True)
@@ -46,21 +48,22 @@ class TimedFrame:
 class Camera:
     """The camera's newest frames. Use it as a context manager; the thread ends with it.
 
-    Opening goes on in the thread: ``wait_open`` waits for it and checks the size. Every method that waits raises
-    ``DeviceError`` where the camera cannot be opened, falls silent, or delivers another size than configured.
+    Opening goes on in the thread: ``wait_open`` waits for it and checks the size. A stream that ends later is opened
+    again, and again. Every method that waits raises ``DeviceError`` where the camera cannot be opened or delivers
+    another size than configured, ``TransientError`` where it falls silent.
     """
 
     def __init__(self, section: CameraSection) -> None:
         self._section = section
         self._source = re.sub("//[^/@]*@", "//", str(section.source))  # without a password
-        self._name = f"camera {self._source}"
+        self.name = f"camera {self._source}"
         self._changed = threading.Condition()
         self._stop = threading.Event()
         self._failure: DeviceError | None = None
         self._newest: TimedFrame | None = None
         self._count = 0
         self._first_at_s = math.nan
-        self._thread = threading.Thread(target=self._read, name=self._name, daemon=True)
+        self._thread = threading.Thread(target=self._read, name=self.name, daemon=True)
         self._thread.start()
 
     def __enter__(self) -> Self:
@@ -115,20 +118,45 @@ class Camera:
         """The newest frame as soon as it is one that is wanted."""
 
         def ready() -> bool:
-            return self._failure is not None or (self._newest is not None and wanted(self._newest))
+            return self._is_over() or (self._newest is not None and wanted(self._newest))
 
         with self._changed:
             in_time = self._changed.wait_for(ready, wait_s)
-            if self._failure is not None:
+            if self._failure is not None and (self._is_over() or not in_time):
                 raise self._failure
             if not in_time or self._newest is None:
                 raise self._error(problem, "check its cable or network, and that no other program uses it")
             return self._newest
 
-    def _error(self, problem: str, remedy: str) -> DeviceError:
-        return DeviceError(self._name, problem, remedy)
+    def _is_over(self) -> bool:
+        """Whether the thread has given up: a camera that never worked, or is another one."""
+        if self._failure is None:
+            return False
+        return self._newest is None or not isinstance(self._failure, TransientError)
+
+    def _error(self, problem: str, remedy: str) -> TransientError:
+        return TransientError(self.name, problem, remedy)
 
     def _read(self) -> None:
+        while not self._stop.is_set():
+            try:
+                self._stream()
+            except (DeviceError, cv2.error) as error:
+                failure = (
+                    error if isinstance(error, DeviceError) else self._error(f"failed: {error}", "restart it")
+                )
+                with self._changed:
+                    if self._failure is None or not isinstance(failure, TransientError):
+                        self._failure = failure  # that it cannot be opened again is not why it ended
+                    over = self._is_over()
+                    self._changed.notify_all()
+                if over:
+                    return
+                note_fault(failure.device, failure.problem, "opened again")
+                self._stop.wait(REOPEN_PAUSE_S)
+
+    def _stream(self) -> None:
+        """Publish frames until told to stop. Raises ``DeviceError`` where the stream ends."""
         capture: cv2.VideoCapture | None = None
         try:
             capture = self._open()
@@ -147,13 +175,6 @@ class Camera:
                 if not ok:
                     raise self._error("sent a frame that cannot be decoded", "check cable and format")
                 self._publish(TimedFrame(self._checked(np.asarray(image)), not_before_s, arrived))
-        except (DeviceError, cv2.error) as error:
-            failure = (
-                error if isinstance(error, DeviceError) else self._error(f"failed: {error}", "open it again")
-            )
-            with self._changed:
-                self._failure = failure
-                self._changed.notify_all()
         finally:
             if capture is not None:
                 capture.release()
@@ -163,6 +184,7 @@ class Camera:
             if self._newest is None:
                 self._first_at_s = frame.arrived.monotonic_s
             self._newest = frame
+            self._failure = None
             self._count += 1
             self._changed.notify_all()
 
@@ -192,7 +214,8 @@ class Camera:
         height, width = image.shape[:2]
         wanted = self._section.width_px, self._section.height_px
         if (width, height) != wanted or image.ndim != 3:
-            raise self._error(
+            raise DeviceError(
+                self.name,
                 f"sends {width} x {height} px, but the intrinsics are for {wanted[0]} x {wanted[1]}",
                 "set the camera to that size, or [camera] to a calibration of this one",
             )

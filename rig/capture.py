@@ -1,9 +1,9 @@
 """One capture: how the vehicle stands, then a frame of the skyline in each direction, then the bundle."""
 
 import time
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from datetime import UTC, datetime
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -11,25 +11,30 @@ from numpy.typing import NDArray
 
 from localizer.bundle import Altitude
 from localizer.horizon.from_image import find_skyline
-from rig import derive
+from rig import clock, derive
 from rig.attitude import HeadLevel
 from rig.bundle_writer import FrameRecord, Measurement, require_writable, write_bundle
-from rig.camera import TimedFrame, average
+from rig.bus.retry import retry
+from rig.camera import TimedFrame
 from rig.config import RigConfig
 from rig.connect import Rig, connect
 from rig.directions import Direction
-from rig.errors import DeviceError, GoalError, RigError
+from rig.errors import GoalError, RigError
+from rig.fault_notes import collecting, note_fault
+from rig.frame_quality import Seen
 from rig.framing import confident_fraction, state_counts, tilt_correction_deg
-from rig.kinematics import Attitude, Head, JointAngles, joints_for
-from rig.measure import AltitudeReading, read_altitude, still_level, utc_text
+from rig.kinematics import Attitude, Head, JointAngles, body_attitude, head_rotation, joints_for
+from rig.measure import AltitudeReading, read_altitude, require_stood, still_level, utc_text
 from rig.pan_tilt import HeadState
+from rig.pictures import seen_at, take_pictures
 from rig.progress import Reporter
 from rig.standing import Standing, measure_standing
 
 MOST_VIEWS = 5
 SEARCH_TILT_DEG = 15.0
 ASIDE_DEG = 5.0  # how far from its direction a frame may be taken where the pan does not reach quite round
-NUDGED_TICKS = 4
+PLAY_DEG = 0.5
+CLOCK_STEP_S = 1.0
 
 
 class CaptureError(RigError):
@@ -59,19 +64,30 @@ def capture(config: RigConfig, directions: Sequence[Direction], out_dir: Path, r
     bundle cannot be written, ``CaptureError`` where no frame shows a skyline.
     """
     require_writable(out_dir)
+    clock.begin_session()
     report.doing("connecting")
-    with connect(config) as rig:
-        measurement = measure(rig, directions, report)
+    with collecting() as faults:
+        with connect(config) as rig:
+            measurement = measure(rig, directions, report)
+        step_s = clock.step_s()
+        if abs(step_s) > CLOCK_STEP_S:
+            note_fault("wall clock", f"stepped by {step_s:+.1f} s", "times are by the clock at the beginning")
     report.doing("writing the bundle")
-    return write_bundle(out_dir, measurement)
+    return write_bundle(out_dir, replace(measurement, raw={**measurement.raw, "faults": faults.as_json()}))
 
 
 def measure(rig: Rig, directions: Sequence[Direction], report: Reporter) -> Measurement:
-    """Everything that goes into a bundle, frames in the order of ``directions``."""
+    """Everything that goes into a bundle, frames in the order of ``directions``.
+
+    ``CaptureError`` where no frame shows a skyline, or a reading is older than [capture] oldest_reading_s.
+    """
     report.doing("level and heading")
     reading = rig.readers.submit(_altitude, rig)
+    parked = rig.pan_tilt.state()
+    first = retry(lambda: rig.camera.frame_after(time.monotonic())).image_bgr
+    seen = [seen_at(JointAngles(parked.pan_deg, parked.tilt_deg), first)]
     # Compiled code takes a second to load: better now than while the head waits for it.
-    loading = rig.readers.submit(find_skyline, rig.camera.frame_after(time.monotonic()).image_bgr)
+    loading = rig.readers.submit(find_skyline, first)
     standing = measure_standing(rig)
     altitude = reading.result()
     loading.result()
@@ -80,7 +96,7 @@ def measure(rig: Rig, directions: Sequence[Direction], report: Reporter) -> Meas
     frames = {}
     for direction in in_passing(directions, standing.attitude, head, rig.pan_tilt.state().pan_deg):
         report.doing(f"looking {direction.label}")
-        view = look(rig, direction, standing, head)
+        view = look(rig, direction, standing, head, seen)
         report.done(_view_line(direction, view))
         frames[direction.label] = _frame_record(rig.config, direction, standing, view)
     if not any(frame.raw["skyline"]["share"] for frame in frames.values()):
@@ -88,8 +104,13 @@ def measure(rig: Rig, directions: Sequence[Direction], report: Reporter) -> Meas
             f"no skyline in any of {len(frames)} frames: look at the lens, the light and the weather, "
             "or move to where the horizon is open"
         )
+    times = {f"frame {label}": frame.time for label, frame in frames.items()}
+    times |= {f"level and heading at stop {number}": utc for number, utc in enumerate(standing.times, 1)}
+    if altitude:
+        times["altitude"] = altitude.utc
+    require_fresh(times, rig.config.capture.oldest_reading_s)
     return Measurement(
-        created=datetime.now(UTC),
+        created=clock.utc_now(),
         camera=derive.bundle_camera(rig.config),
         mast_height_m=rig.config.rig.mast_height_m,
         altitude=Altitude(value_m=altitude.altitude_m, sigma_m=altitude.sigma_m) if altitude else None,
@@ -107,12 +128,29 @@ def measure(rig: Rig, directions: Sequence[Direction], report: Reporter) -> Meas
     )
 
 
-def look(rig: Rig, direction: Direction, standing: Standing, head: Head) -> View:
+def require_fresh(times: Mapping[str, datetime], oldest_s: float) -> None:
+    """Raise ``CaptureError`` where a reading is older: the vehicle, the weather or the light is another by now."""
+    now = clock.utc_now()
+    name, time_of = min(times.items(), key=lambda item: item[1])
+    age_s = (now - time_of).total_seconds()
+    if age_s > oldest_s:
+        raise CaptureError(
+            f"{name} is {age_s:.0f} s old, more than {oldest_s:g} s ([capture] oldest_reading_s): "
+            "look at what held the capture up, and take it again"
+        )
+
+
+def look(
+    rig: Rig, direction: Direction, standing: Standing, head: Head, seen: list[Seen] | None = None
+) -> View:
     """Point at a direction and tilt until the skyline lies well in the picture.
+
+    ``seen`` are the views before this one, in whichever direction; those of this one are added to it.
 
     Begins at tilt 0. Where the picture shows no skyline at all, looks higher and lower once each. After
     ``MOST_VIEWS`` views, or where the head does not tilt further, the view with most skyline is taken.
     """
+    seen = [] if seen is None else seen
     tilts_to_search = [SEARCH_TILT_DEG, -SEARCH_TILT_DEG]
     tilt_deg = 0.0
     views: list[View] = []
@@ -123,7 +161,8 @@ def look(rig: Rig, direction: Direction, standing: Standing, head: Head) -> View
             if not views:
                 raise
             break
-        view = _view(rig, joints, standing, head)
+        view = _view(rig, joints, standing, head, seen)
+        seen.append(seen_at(joints, view.image_bgr))
         views.append(view)
         if view.tilt_correction_deg == 0.0:
             return view
@@ -164,42 +203,45 @@ def in_passing(
     return sweep if abs(pan_deg - first) <= abs(pan_deg - last) else sweep[::-1]
 
 
-def _view(rig: Rig, joints: JointAngles, standing: Standing, head: Head) -> View:
+def _view(rig: Rig, joints: JointAngles, standing: Standing, head: Head, seen: Sequence[Seen]) -> View:
     camera = rig.config.camera
-    rig.pan_tilt.move_to(joints.pan_deg, joints.tilt_deg)
-    before = rig.pan_tilt.wait_settled()
+    before = rig.pan_tilt.go_to(joints.pan_deg, joints.tilt_deg)
     levelling = rig.readers.submit(still_level, rig, rig.config.inclinometer.average_s)
     exposed_s = time.monotonic() + camera.exposure_settle_s
-    frames = rig.camera.frames_after(exposed_s, camera.frames_per_direction)
-    image = average(frames)
-    skyline = find_skyline(image)
+    pictures = take_pictures(rig.camera, camera.frames_per_direction, exposed_s, joints, seen)
     level, still_since_s = levelling.result()
-    if frames[0].not_before_s < still_since_s:  # the mast still swung
-        frames = rig.camera.frames_after(time.monotonic(), camera.frames_per_direction)
-        image = average(frames)
-        skyline = find_skyline(image)
+    if pictures.frames[0].not_before_s < still_since_s:  # the mast still swung
+        pictures = take_pictures(rig.camera, camera.frames_per_direction, still_since_s, joints, seen)
     after = rig.pan_tilt.state()
-    moved_ticks = max(abs(a - b) for a, b in zip(before.ticks, after.ticks, strict=True))
-    if moved_ticks > NUDGED_TICKS:
-        raise DeviceError(
-            "pan and tilt head",
-            f"moved by {moved_ticks} ticks while a frame was taken",
-            "look for what pushes it",
-        )
+    require_stood(before, after, "a frame was taken")
     joints_seen = JointAngles((before.pan_deg + after.pan_deg) / 2, (before.tilt_deg + after.tilt_deg) / 2)
     pointing = derive.pointing(standing, joints_seen, level, head)
+    _note_play(standing, joints_seen, level)
     margin = rig.config.capture.skyline_margin_fraction
+    skyline = pictures.skyline
     return View(
         before,
         after,
         level,
-        frames,
-        image,
+        pictures.frames,
+        pictures.image_bgr,
         pointing,
         confident_fraction(skyline),
         state_counts(skyline),
         tilt_correction_deg(skyline, camera.fy_px, camera.height_px, margin),
     )
+
+
+def _note_play(standing: Standing, joints: JointAngles, level: HeadLevel) -> None:
+    """Note a tilt joint that disagrees with the inclinometer, which is the one that is believed."""
+    by_joints_deg = body_attitude(head_rotation(standing.attitude, joints)).tilt_deg
+    play_deg = level.tilt_deg - standing.level.tilt_zero_deg - by_joints_deg
+    if abs(play_deg) > PLAY_DEG:
+        note_fault(
+            "tilt servo",
+            "stands more than 0.5 deg away from where the inclinometer finds the head: play in the gear",
+            "tilt taken from the inclinometer",
+        )
 
 
 def _altitude(rig: Rig) -> AltitudeReading | None:
@@ -227,6 +269,8 @@ def _frame_record(config: RigConfig, direction: Direction, standing: Standing, v
             "servo_temperatures_c": list(view.state.temps),
             "inclinometer": asdict(view.level),
             "frame_times": [utc_text(frame.arrived.utc) for frame in view.frames],
+            "frame_monotonic_s": [round(frame.arrived.monotonic_s, 3) for frame in view.frames],
+            "head_monotonic_s": [round(state.monotonic_s, 3) for state in (view.before, view.state)],
             "skyline": {"share": view.skyline_share, "columns": view.skyline_states},
         },
     )

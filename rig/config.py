@@ -289,6 +289,7 @@ class CaptureSection(_Section):
         135.0,
     )
     skyline_margin_fraction: Annotated[float, Field(ge=0.0, lt=0.5)] = 0.15
+    oldest_reading_s: Positive = 300.0
 
     @field_validator("directions")
     @classmethod

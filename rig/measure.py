@@ -18,11 +18,13 @@ from rig.bus.retry import retry
 from rig.config import AltimeterSection, InclinometerSection
 from rig.connect import Altimeter, Inclinometer, Rig
 from rig.errors import DeviceError
+from rig.pan_tilt import HeadState
 
 _log = logging.getLogger(__name__)
 
 DRIFT_SIGMAS = 3.0
 ALTIMETER_AVERAGE_S = 0.5
+NUDGED_TICKS = 4
 MOST_DRIFT_M = 150.0  # from a deep low to a strong high
 
 
@@ -32,6 +34,7 @@ class AltitudeReading:
 
     altitude_m: float
     sigma_m: float
+    utc: datetime
     raw: dict[str, Any]
 
 
@@ -72,6 +75,15 @@ def still_level(rig: Rig, duration_s: float) -> tuple[HeadLevel, float]:
                 "stop the engine, shelter it from the wind, or raise [inclinometer] average_s",
             )
         _log.info("the head still swings: %.3f deg of drift, %.3f deg of noise", drift_deg, noise_deg)
+
+
+def require_stood(before: HeadState, after: HeadState, what: str) -> None:
+    """Raise ``DeviceError`` where the head moved between two states, while ``what``: such a reading is none."""
+    moved_ticks = max(abs(a - b) for a, b in zip(before.ticks, after.ticks, strict=True))
+    if moved_ticks > NUDGED_TICKS or after.moving:
+        raise DeviceError(
+            "pan and tilt head", f"moved by {moved_ticks} ticks while {what}", "look for what pushes it"
+        )
 
 
 def read_level(
@@ -125,6 +137,7 @@ def altitude_from(mean: MeanPressure, section: AltimeterSection) -> AltitudeRead
     return AltitudeReading(
         plausible_altitude_m(mean.pressure_hpa, reference, mean.device),
         math.hypot(section.sigma_m, noise_m, drift_m),
+        mean.utc,
         {
             "device": mean.device,
             "time": utc_text(mean.utc),

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from datetime import UTC, datetime
+from datetime import datetime
 from functools import partial
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 from localizer.observation import NO_COMPASS_SIGMA_DEG
 from rig.attitude import BaseLevel, HeadLevel, LevelReading, LevelSigmas, base_level, in_axes
 from rig.bus.retry import retry
+from rig.clock import utc_now
 from rig.config import CompassSection, Mmc5983maSection, NmeaCompassSection, Place, RigConfig
 from rig.connect import Rig
 from rig.declination import Declination, declination
@@ -25,7 +26,7 @@ from rig.heading import (
     true_heading,
 )
 from rig.kinematics import Attitude, JointAngles
-from rig.measure import still_level, utc_text
+from rig.measure import require_stood, still_level, utc_text
 from rig.pan_tilt import HeadState
 from rig.readings import FieldReading, HeadingReading
 
@@ -42,6 +43,8 @@ class Standing:
     heading: TrueHeading
     raw: dict[str, Any]
     calibration: dict[str, Any]
+    times: tuple[datetime, ...]
+    """When each stop was read."""
 
 
 @dataclass(frozen=True)
@@ -95,6 +98,7 @@ def standing_from(config: RigConfig, stops: Sequence[Stop], compass: str | None)
         heading,
         {"compass": compass, "stops": [stop_record(stop) for stop in stops]},
         {"level": asdict(level), "heading": asdict(heading), "compass": details},
+        tuple(stop.utc for stop in stops),
     )
 
 
@@ -145,9 +149,10 @@ def stage_field(pan_deg: float, field: MeanField, section: Mmc5983maSection) -> 
 
 def read_stop(rig: Rig, joints: JointAngles, duration_s: float) -> Stop:
     """Move there, wait until all is still, and read inclinometer and compass for so long."""
-    rig.pan_tilt.move_to(joints.pan_deg, joints.tilt_deg)
-    state = rig.pan_tilt.wait_settled()
-    return read_here(rig, state, duration_s)
+    state = rig.pan_tilt.go_to(joints.pan_deg, joints.tilt_deg)
+    stop = read_here(rig, state, duration_s)
+    require_stood(state, rig.pan_tilt.state(), "level and heading were read")
+    return stop
 
 
 def read_here(rig: Rig, state: HeadState, duration_s: float) -> Stop:
@@ -161,7 +166,7 @@ def read_here(rig: Rig, state: HeadState, duration_s: float) -> Stop:
         level,
         mean_field([reading for reading in readings if isinstance(reading, FieldReading)]),
         tuple(reading for reading in readings if isinstance(reading, HeadingReading)),
-        datetime.now(UTC),
+        utc_now(),
     )
 
 

@@ -168,7 +168,9 @@ def test_interrupted_while_measuring(running: RunningRig, tmp_path: Path) -> Non
     assert_safe_and_clean(running, tmp_path / "out")
 
 
-def test_the_camera_stalls(running: RunningRig, tmp_path: Path) -> None:
+def test_the_camera_stalls(running: RunningRig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rig.pictures.WITHIN_S", 1.5)
+
     def stall() -> None:
         if running.rig.readings_taken == 3:
             running.camera.stall.set()

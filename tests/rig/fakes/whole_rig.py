@@ -49,6 +49,7 @@ class FakeRig:
     pan: FakeServo = field(default_factory=lambda: FakeServo(1))
     tilt: FakeServo = field(default_factory=lambda: FakeServo(2))
     readings_taken: int = 0
+    noise: np.random.Generator = field(default_factory=lambda: np.random.default_rng(1))
 
     def joints(self) -> JointAngles:
         pan, tilt = ((servo.get(POSITION, 4) - ZERO_TICK) * 360 / 4096 for servo in (self.pan, self.tilt))
@@ -67,7 +68,7 @@ class FakeRig:
         azimuth_deg = np.degrees(np.arctan2(rays[..., 0], rays[..., 1]))
         elevation_deg = np.degrees(np.arctan2(rays[..., 2], np.hypot(rays[..., 0], rays[..., 1])))
         terrain = elevation_deg < self.horizon_deg(azimuth_deg)
-        noise = np.random.default_rng(1).normal(0.0, 3.0, (*u.shape, 3))
+        noise = self.noise.normal(0.0, 3.0, (*u.shape, 3))
         return np.clip(np.where(terrain[..., None], (45, 80, 60), (235, 200, 160)) + noise, 0, 255).astype(
             np.uint8
         )
