@@ -67,7 +67,7 @@ def refine_edge(image_bgr: NDArray[np.uint8], rough_row_px: Floats, scale: float
     top = np.round(rough_row_px).astype(np.int64) - half + 1
     band = _profiles(image_bgr, _DISPLAY, top, half, 6)
     noise = max(1.4826 * float(np.median(np.abs(np.diff(band[:, : half - 1], n=2, axis=1)))) / 2.45, 0.5)
-    unary, step = _follow_costs(band, top, noise, allowed)
+    unary, step = _follow_costs(_departure(image_bgr, top, half, allowed, 6), top, noise, allowed)
     followed = min_marginals(unary, step).argmin(axis=1) - (top - top.min()) - 0.5
     absolute = followed + top
     slope = _slope(absolute)
@@ -132,6 +132,45 @@ def _profiles(
 
 
 @kernel()
+def _departure(
+    image: NDArray[np.uint8], top: NDArray[np.int64], half: int, allowed: int, smooth: int
+) -> Floats32:
+    """Band as of `_profiles`, but of how far each pixel's colour is from the sky's, negative; (width, 2 * half).
+
+    Where snow and rock take turns below the sky there is no one colour of terrain to project onto.
+    """
+    height, width = image.shape[:2]
+    rows = half - allowed
+    sum_sky = np.zeros((width, 3))
+    for x in range(width):
+        for k in range(rows):
+            y = min(max(top[x] + k, 0), height - 1)
+            for c in range(3):
+                sum_sky[x, c] += image[y, x, c]
+    band = np.empty((width, 2 * half), np.float32)
+    running = np.zeros(3)
+    count = 0
+    for x in range(-smooth, width):
+        if x + smooth < width:
+            count += rows
+            for c in range(3):
+                running[c] += sum_sky[x + smooth, c]
+        if x - smooth - 1 >= 0:
+            count -= rows
+            for c in range(3):
+                running[c] -= sum_sky[x - smooth - 1, c]
+        if x < 0:
+            continue
+        for k in range(2 * half):
+            y = min(max(top[x] + k, 0), height - 1)
+            square = 0.0
+            for c in range(3):
+                square += (image[y, x, c] - running[c] / count) ** 2
+            band[x, k] = -math.sqrt(square)
+    return band
+
+
+@kernel()
 def _follow_costs(
     band: Floats32, top: NDArray[np.int64], noise: float, allowed: int
 ) -> tuple[Floats32, Floats32]:
@@ -150,7 +189,7 @@ def _follow_costs(
             off = (k - n // 2) / allowed
             unary[x, top[x] - first + k] = 4.0 * (1.0 - strength) + off * off + passed
             if strength < before:
-                passed += 0.5 * (before - strength)
+                passed += 2.0 * (before - strength)
             before = strength
     return unary, step
 

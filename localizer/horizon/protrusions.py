@@ -8,7 +8,7 @@ Floats = NDArray[np.float64]
 
 _WIDTHS = (0.02, 0.045, 0.09, 0.16)
 """Of the picture's width: what is wider than the last counts as terrain. Narrow things are taken off before wider ones."""
-_LOWEST = 0.004
+_LOWEST = 0.006
 """Of the picture's width: what stands out less is left alone."""
 _BOTH_STEEP = 1.2
 _ONE_STEEP, _OTHER_STEEP = 2.0, 0.7

@@ -37,6 +37,11 @@ _FITTED = 0.039
 """Per unit of log odds: the first guess in the first turn and in the later ones, the fitted models. Neighbouring pixels
 say nearly the same, so each counts for little."""
 _TURNS = 2
+_LINE_FROM = 0.5
+_LINE_SIDE = 0.5
+_LEAVING = 0.05
+"""A line above the boundary is followed where its edge is at least so strong; factor on the cost of its sides; what each
+column costs on its way there."""
 _SURELY_SKY, _SURELY_SKY_IN_DOUBT = 0.85, 0.5
 """The share of what lies above the boundary that the sky's model is fitted to; and when the boundary is put to the test."""
 
@@ -48,7 +53,8 @@ class SkyBoundary:
     Attributes:
         row: (w,) it runs above this row: 0 is a column without sky, h one without terrain.
         margin: (w,) how much dearer the best boundary is that passes three rows off or more in this column.
-        contested: (w,) whether the boundary moves when the sky's model is fitted to the upper half of its sky only.
+        contested: (w,) whether the boundary moves when the sky's model is fitted to the upper half of its sky only, or
+            a line leaves it that is sharp enough to be a farther ridge, pale as the sky in the haze or the glare.
         strength: (w,) how sharp the edge is that it follows, 0..1.
         odds: (h, w) log odds terrain : sky per pixel, the last used.
         guess: (h, w) the same before anything was learnt from the picture.
@@ -87,10 +93,28 @@ def trace_boundary(work: WorkImage) -> SkyBoundary:
             if np.array_equal(row, before):
                 break
         contested = np.abs(total_cost(learnt(row, _SURELY_SKY_IN_DOUBT)).argmin(axis=1) - row) > 2
+        contested |= row - _line_above(np.where(work.step > 0, strength, 0), side, row) > 2
     columns = np.arange(w)
     best = total[columns, row].copy()
     total[np.abs(np.arange(h + 1)[None, :] - row[:, None]) < 3] = np.inf
     return SkyBoundary(row, total.min(axis=1) - best, contested, strength[row, columns], odds, guess)
+
+
+def _line_above(strength: Floats, side: Floats, row: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Rows (w,) of the best line that follows sharp edges above the boundary or, where there are none, the boundary itself.
+
+    What lies between the two looks like sky, else the boundary would run there already; only the edge speaks against it.
+    """
+    h, w = strength.shape[0] - 1, row.size
+    gain = strength.T - np.float32(_LINE_FROM)
+    cost = np.where(gain > 0, -gain, -2 * gain)
+    up = row[:, None] - np.arange(h + 1)[None, :]
+    cost[up < 3] = 1e4
+    cost[:, :3] = 1e4
+    cost[(up == 1) | (up == 2)] = _LEAVING
+    cost[np.arange(w), row] = 0
+    cost32 = np.ascontiguousarray(cost, dtype=np.float32)
+    return np.asarray(min_marginals(cost32, np.float32(_LINE_SIDE) * side).argmin(axis=1))
 
 
 def edge_strength(step: Floats) -> tuple[Floats, float]:
