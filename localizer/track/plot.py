@@ -30,6 +30,8 @@ LEAST_ZOOM_CELLS = 12.0
 """Half the side of the map from near by is at least so many cells."""
 SMALLEST_AREA, LARGEST_AREA = 14.0, 130.0
 """Of a hypothesis's mark, points^2, by its probability."""
+LEAST_DRAWN = 0.01
+"""Probability from which a hypothesis has a number and an arrow."""
 
 
 def draw_track(
@@ -53,7 +55,7 @@ def draw_track(
     _draw_legs(near, lines, odometry, dem, origin_m)
     _draw_hypotheses(near, lines, 1.0, origin_m)
     _draw_truths(near, truths, dem, origin_m)
-    _draw_stops(near, lines, origin_m)
+    _number_stops(near, lines, origin_m)
     whole.add_patch(
         Rectangle(
             (zoom[0] / 1000.0, zoom[2] / 1000.0),
@@ -163,31 +165,32 @@ def _draw_ellipse(
 def _draw_legs(
     axes: Axes, lines: Sequence[TrackLine], odometry: Odometry, dem: Dem, origin_m: tuple[float, float]
 ) -> None:
-    """What the odometry says of the way from each stop's likeliest place, as an arrow."""
+    """What the odometry says of the way from each place where the vehicle may have stood, as an arrow."""
     for line, leg in zip(lines[:-1], odometry, strict=True):
-        if leg is None or not line.hypotheses:
+        if leg is None:
             continue
-        start = line.hypotheses[0]
-        step = enu_to_metric_jacobian(dem, start.row, start.col) @ leg.step_m
-        x, y = start.easting_m - origin_m[0], start.northing_m - origin_m[1]
-        axes.annotate(
-            "",
-            (x + float(step[0]), y + float(step[1])),
-            (x, y),
-            arrowprops={"arrowstyle": "->", "lw": 1.6, "color": "black"},
-            annotation_clip=True,
-        )
-
-
-def _draw_stops(axes: Axes, lines: Sequence[TrackLine], origin_m: tuple[float, float]) -> None:
-    for number, line in enumerate(lines):
-        if line.fix.position is None:
-            continue
-        x, y = line.fix.position.easting_m - origin_m[0], line.fix.position.northing_m - origin_m[1]
-        if _inside(axes, x, y):
+        for start in line.hypotheses:
+            x, y = start.easting_m - origin_m[0], start.northing_m - origin_m[1]
+            if start.probability < LEAST_DRAWN or not _inside(axes, x, y):
+                continue
+            step = enu_to_metric_jacobian(dem, start.row, start.col) @ leg.step_m
             axes.annotate(
-                str(number + 1), (x, y), (9, 9), textcoords="offset points", fontsize=12, weight="bold"
+                "",
+                (x + float(step[0]), y + float(step[1])),
+                (x, y),
+                arrowprops={"arrowstyle": "->", "lw": 1.6, "color": "black"},
+                annotation_clip=True,
             )
+
+
+def _number_stops(axes: Axes, lines: Sequence[TrackLine], origin_m: tuple[float, float]) -> None:
+    for number, line in enumerate(lines):
+        for h in line.hypotheses:
+            x, y = h.easting_m - origin_m[0], h.northing_m - origin_m[1]
+            if h.probability >= LEAST_DRAWN and _inside(axes, x, y):
+                axes.annotate(
+                    str(number + 1), (x, y), (9, 9), textcoords="offset points", fontsize=12, weight="bold"
+                )
 
 
 def _draw_truths(axes: Axes, truths: Sequence[Truth], dem: Dem, origin_m: tuple[float, float]) -> None:
