@@ -1,0 +1,54 @@
+"""Skylines that mislead: terrain of two colours under a sky between them, a ridge as pale as the clouds."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from localizer.horizon.from_image import CONFIDENT, ColumnState, Skyline, find_skyline
+
+WIDTH, HEIGHT = 900, 600
+COLUMNS = np.arange(WIDTH)
+
+
+def used(skyline: Skyline) -> np.ndarray:
+    return (skyline.confidence >= CONFIDENT) & (skyline.state == ColumnState.OK)
+
+
+def below(edge: np.ndarray) -> np.ndarray:
+    """How much of each pixel lies below an edge (WIDTH,); (HEIGHT, WIDTH, 1)."""
+    return np.clip(np.arange(HEIGHT)[:, None] + 0.5 - edge[None, :], 0.0, 1.0)[..., None]
+
+
+def noisy(image: np.ndarray, seed: int) -> np.ndarray:
+    noise = np.random.default_rng(seed).normal(0.0, 2.0, image.shape)
+    return np.clip(cv2.GaussianBlur(image, (0, 0), 0.7) + noise, 0, 255).round().astype(np.uint8)
+
+
+def smooth_noise(seed: int, sigma: tuple[float, float]) -> np.ndarray:
+    rough = np.random.default_rng(seed).normal(0.0, 1.0, (HEIGHT, WIDTH))
+    smooth = cv2.GaussianBlur(rough, (0, 0), sigmaX=sigma[0], sigmaY=sigma[1])
+    return smooth / smooth.std()
+
+
+def test_snow_and_rock_under_a_sky_of_a_brightness_between_them():
+    edge = 210.0 + 30.0 * np.sin(COLUMNS / 140.0) + 6.0 * np.sin(COLUMNS / 17.0) + 3.0 * np.sin(COLUMNS / 5.0)
+    sky = np.array([150.0, 130.0, 110.0]) + 15.0 * np.arange(HEIGHT)[:, None, None] / HEIGHT
+    snow = (smooth_noise(3, (9.0, 5.0)) > -0.1)[..., None]
+    terrain = np.where(snow, np.array([190.0, 190.0, 188.0]), np.array([75.0, 72.0, 70.0]))
+    skyline = find_skyline(noisy(sky + (terrain - sky) * below(edge), 7))
+    error = np.abs(skyline.row_px - edge)[used(skyline)]
+    assert used(skyline).mean() > 0.6
+    assert np.median(error) < 0.5
+    assert np.percentile(error, 95) < 2.0
+
+
+def test_a_ridge_as_pale_as_the_clouds_in_the_glare_makes_the_nearer_one_doubtful(skyfix_data: Path):
+    folder = skyfix_data / "rendered" / "bt_backlight"
+    terrain = np.array(json.loads((folder / "truth.json").read_text())["images"]["W"]["terrain_row"], float)
+    skyline = find_skyline(cv2.imread(str(folder / "bundle" / "frames" / "W.png")))
+    far_off = np.abs(skyline.row_px - terrain) > 6.0
+    assert far_off.mean() > 0.15  # the nearer ridge is taken, ...
+    assert (far_off & used(skyline)).mean() < 0.05  # ... but not claimed
+    assert used(skyline).mean() > 0.6
