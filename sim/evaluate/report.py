@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from sim.evaluate.plots import write_plots
 from sim.evaluate.row import CaseRow
 from sim.evaluate.summary import NOMINAL, summarize_by_dem
 
@@ -16,6 +17,7 @@ def write_report(rows: Sequence[CaseRow], scenario: str, folder: Path) -> str:
     (folder / "summary.json").write_text(
         json.dumps({"scenario": scenario, "parts": parts}, indent=2) + "\n", encoding="utf-8"
     )
+    write_plots(rows, scenario, folder)
     (folder / "summary.md").write_text(text + "\n", encoding="utf-8")
     return text
 
@@ -34,8 +36,8 @@ def summary_text(scenario: str, parts: dict[str, dict[str, Any]]) -> str:
         "RMSE m",
         "median cells",
         "RMSE/CRLB",
-        "/CRLB free alt.",
-        *(f"{nominal:.0%}" for nominal in NOMINAL),
+        "same, altitude free",
+        *(f"in {nominal:.0%}" for nominal in NOMINAL),
         "truth among",
         "median s",
         "95 % s",

@@ -16,15 +16,21 @@ NOMINAL = (0.5, 0.9, 0.95, 0.99)
 PROBABILITY_EDGES = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.99, 0.999, 1.0)
 
 
+def is_right(row: CaseRow) -> bool:
+    """Whether the best place is the true one by either measure, be the status what it may."""
+    if row.outside or row.error_cells is None or row.mahalanobis2 is None:
+        return False
+    return row.error_cells <= WRONG_CELLS or row.mahalanobis2 <= WRONG_SIGMAS**2
+
+
 def is_wrong_fix(row: CaseRow) -> bool:
     """Whether a wrong place is called a fix: far off by both measures, or any place where the truth is outside."""
-    if row.status != "fix":
-        return False
-    if row.outside:
-        return True
-    assert row.error_cells is not None
-    assert row.mahalanobis2 is not None
-    return row.error_cells > WRONG_CELLS and row.mahalanobis2 > WRONG_SIGMAS**2
+    return row.status == "fix" and not is_right(row)
+
+
+def right_fixes(rows: Sequence[CaseRow]) -> list[CaseRow]:
+    """The fixes that are not wrong: what their errors and ellipses are worth is a question of its own."""
+    return [r for r in rows if r.status == "fix" and not is_wrong_fix(r)]
 
 
 def upper_bound(events: int, trials: int) -> float | None:
@@ -67,18 +73,11 @@ def reliability(rows: Sequence[CaseRow]) -> list[dict[str, Any]]:
     return bins
 
 
-def is_right(row: CaseRow) -> bool:
-    """Whether the best place is the true one, be the status what it may."""
-    if row.outside or row.error_cells is None or row.mahalanobis2 is None:
-        return False
-    return row.error_cells <= WRONG_CELLS or row.mahalanobis2 <= WRONG_SIGMAS**2
-
-
 def summarize(rows: Sequence[CaseRow]) -> dict[str, Any]:
-    """All figures of some cases; those of errors are over the fixes that are not wrong and over all fixes."""
+    """All figures of some cases. Errors are of all fixes; bound and ellipses are held against those that are not wrong."""
     fixes = [r for r in rows if r.status == "fix"]
     wrong = [r for r in rows if is_wrong_fix(r)]
-    right = [r for r in fixes if not is_wrong_fix(r)]
+    right = right_fixes(rows)
     times = [r.time_s for r in rows]
     return {
         "cases": len(rows),
