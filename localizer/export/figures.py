@@ -52,12 +52,13 @@ def residuals_px(frame: FrameDetail) -> Floats:
 def frame_picture(image: NDArray[np.uint8], frame: FrameDetail, rms_px: float | None) -> bytes:
     """A frame with its skylines, and below it what is left between them."""
     height_px, width_px = image.shape[:2]
-    tall = FRAME_INCHES * height_px / width_px
+    wide = FRAME_INCHES * min(1.0, width_px / height_px)
+    tall = wide * height_px / width_px
     placed = len(frame.predicted_u_px) > 1
     below = 1.55 if placed else 0.0
-    figure = _figure(FRAME_INCHES, tall + 0.35 + below)
     whole = tall + 0.35 + below
-    axes = figure.add_axes((0.075, below / whole, 0.915, tall / whole))
+    figure = _figure(wide, whole)
+    axes = figure.add_axes((0.075, below / whole, 0.915, 0.915 * tall / whole))
     draw_frame(axes, image, frame, rms_px)
     if placed:
         _draw_residuals(figure.add_axes((0.075, 0.42 / whole, 0.915, 1.05 / whole)), frame, width_px, rms_px)
@@ -86,7 +87,7 @@ def _draw_residuals(axes: Axes, frame: FrameDetail, width_px: int, rms_px: float
 def funnel_picture(result: LocateResult, dem: Dem) -> bytes:
     """A small map for each step of stage 1 with the cells that it left."""
     steps = stages(result.details)
-    across = min(FUNNEL_ACROSS, len(steps))
+    across = len(steps) if len(steps) <= FUNNEL_ACROSS + 1 else FUNNEL_ACROSS
     down = -(-len(steps) // across)
     bounds_m = _bounds_m(dem)
     aspect = (bounds_m[3] - bounds_m[2]) / (bounds_m[1] - bounds_m[0])

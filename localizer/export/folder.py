@@ -23,8 +23,8 @@ PAGE = "report.html"
 BESIDE_IT = (
     ("posterior.tif", "probability of each cell, GeoTIFF"),
     ("candidates.geojson", "places and 95 % ellipses"),
-    ("fix.gpx", "for navigation devices"),
-    ("fix.kml", "for globes"),
+    ("fix.gpx", "waypoints for navigation devices"),
+    ("fix.kml", "placemarks for globes"),
 )
 
 

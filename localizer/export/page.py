@@ -121,17 +121,16 @@ def _facts(
     if fix.position is None or not places:
         return []
     best, position = places[0], fix.position
-    likeliest = "" if fix.status == "fix" else "likeliest: "
     facts = [
         (
-            f"{likeliest}easting, northing ({_crs_name(dem)})",
+            f"easting, northing ({_crs_name(dem)})",
             f"{position.easting_m:.1f}  {position.northing_m:.1f}",
         ),
         (
             f"1 sigma, the longer towards {best.azimuth_deg:.0f}°",
             f"{best.axes.major_m:.1f} m x {best.axes.minor_m:.1f} m",
         ),
-        ("probability", f"{fix.probability:.3f}"),
+        ("its probability" if fix.status == "ambiguous" else "probability", f"{fix.probability:.3f}"),
         ("ground", f"{position.ground_m:.1f} m"),
     ]
     if fix.status == "ambiguous":
