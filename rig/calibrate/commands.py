@@ -258,3 +258,65 @@ def boresight(
     with stopping_cleanly():
         sigmas = PlaceSigmas(place_sigma_m, dem_sigma_m, dem_sigma_m)
         calibrate_boresight(session, place, sigmas, directions)
+
+
+board_option = click.option(
+    "--board",
+    "board_text",
+    default="charuco:9x7:30:22",
+    show_default=True,
+    metavar="TEXT",
+    help="charuco:COLUMNSxROWS:SQUARE_MM:MARKER_MM or chessboard:COLUMNSxROWS:SQUARE_MM (inner corners).",
+)
+
+
+@calibrate.command()
+@config_option
+@out_option
+@yes_option
+@board_option
+@click.option(
+    "--images", metavar="GLOB", help="Pictures of the board instead of the live camera; quote the pattern."
+)
+@click.option("--views", type=click.IntRange(10, 200), default=25, show_default=True, help="To take live.")
+def camera(
+    config_file: Path | None, out_dir: Path | None, yes: bool, board_text: str, images: str | None, views: int
+) -> None:
+    """Intrinsics and distortion of the camera, from views of a board (see rig calibrate board).
+
+    \b
+    Examples:
+      rig calibrate camera
+      rig calibrate camera --images "shots/*.png" --board chessboard:9x6:25
+    """
+    from rig.calibrate.board import parse_board
+    from rig.calibrate.camera import calibrate_camera
+    from rig.calibrate.session import Session
+
+    try:
+        board = parse_board(board_text)
+    except ValueError as error:
+        raise click.UsageError(f"--board: {error}.") from error
+    session = Session.open(config_file, out_dir, yes)
+    with stopping_cleanly():
+        calibrate_camera(session, board, images, views)
+
+
+@calibrate.command("board")
+@board_option
+@click.option(
+    "--out", "path", metavar="FILE", type=click.Path(path_type=Path), required=True, help="PNG to write."
+)
+def board_(board_text: str, path: Path) -> None:
+    """Draw the board for the printer: 300 dots an inch, true size. Glue it to something flat and measure a square.
+
+    Example: rig calibrate board --out board.png
+    """
+    from rig.calibrate.board import parse_board, print_board
+
+    try:
+        parse_board(board_text)
+    except ValueError as error:
+        raise click.UsageError(f"--board: {error}.") from error
+    print_board(board_text, path)
+    click.echo(path)
