@@ -107,7 +107,7 @@ def _draw_key(figure: Figure, axes: NDArray[np.object_], shading: Shading, views
     if any(v.too_near.any() for v in views):
         handles.append(Line2D([], [], color=NEAR_COLOUR, lw=3, label="nearer than two cells: shape unknown"))
     if handles:
-        figure.legend(handles=handles, loc="lower right", fontsize=9, frameon=False)
+        figure.legend(handles=handles, loc="outside upper right", ncols=2, fontsize=9, frameon=False)
 
 
 _ROUND_M = [m * 10.0**e for e in range(1, 6) for m in (1, 2, 5)]
@@ -216,7 +216,7 @@ def _draw_skyline(axes: Axes, seen: View, x: Floats, y: Floats, shading: Shading
         if not met[at]:
             continue
         axes.annotate(
-            f"{summit.distance_m / 1000.0:.1f} km",
+            _distance(summit.distance_m),
             (x[at], y[at]),
             xytext=(0.0, 9.0),
             textcoords="offset points",
@@ -226,3 +226,7 @@ def _draw_skyline(axes: Axes, seen: View, x: Floats, y: Floats, shading: Shading
             bbox={"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.75},
         )
         axes.plot(x[at], y[at], marker="v", color="black", ms=4.0)
+
+
+def _distance(distance_m: float) -> str:
+    return f"{distance_m / 1000.0:.1f} km" if distance_m >= 950.0 else f"{distance_m:.0f} m"
