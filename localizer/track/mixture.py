@@ -22,6 +22,9 @@ from localizer.track.places import Place, fuse, log_density, merged, moved, offs
 
 ODOMETRY_FAILS = 0.01
 """Probability, for each leg, that the odometry is wrong beyond its sigmas: slipped, towed, restarted."""
+EVIDENCE_WORTH = 8.0
+"""So much evidence of a look makes it e times likelier to be right. It is not 1, since an error of the DEM speaks for a wrong
+place in many columns at once."""
 SMALLEST_WEIGHT = 1e-7
 """Less than this goes elsewhere."""
 MOST_HYPOTHESES = 64
@@ -87,8 +90,8 @@ class Posterior:
 
 
 def chance_of(evidence: float) -> float:
-    """The probability that images which a place explains by that much show another: a whole DEM is a million chances."""
-    return float(1.0 / (1.0 + np.exp(np.clip(evidence - LEAST_EVIDENCE, -500.0, 500.0))))
+    """The probability that images which a place explains by that much show another: even odds where a look is just believed."""
+    return float(1.0 / (1.0 + np.exp(np.clip((evidence - LEAST_EVIDENCE) / EVIDENCE_WORTH, -500.0, 500.0))))
 
 
 def predict(mixture: Mixture, movement: Movement | None, area_m2: float) -> Mixture:

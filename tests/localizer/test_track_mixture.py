@@ -205,9 +205,19 @@ def test_a_look_that_agrees_with_no_hypothesis_drops_the_history():
     believed = predict(
         believing((at_m(0, 0), 0.999)), Movement(np.array([200.0, 0.0]), 16 * np.eye(2)), AREA_M2
     )
-    first, *_ = update(believed, look([at_m(5000, 0)], [1.0], evidence=60.0))
+    first, *_ = update(believed, look([at_m(5000, 0)], [1.0], evidence=150.0))
     assert first.hypothesis.probability > 0.999
     assert np.abs(offset_m(first.hypothesis.place, at_m(5000, 0))).max() < 1.0
+
+
+@pytest.mark.parametrize("evidence", [20.0, 30.0, 40.0])
+def test_a_history_is_not_given_up_for_one_weak_look(evidence):
+    believed = predict(
+        believing((at_m(0, 0), 0.999)), Movement(np.array([200.0, 0.0]), 16 * np.eye(2)), AREA_M2
+    )
+    posteriors = update(believed, look([at_m(5000, 0)], [1.0], evidence=evidence))
+    assert not any(stands_out(p.hypothesis, CELL_M) for p in posteriors if p.number is not None)
+    assert posteriors[0].number is None
 
 
 def test_two_weak_looks_that_the_odometry_joins_become_a_fix_and_either_alone_does_not():
