@@ -132,5 +132,8 @@ def predict(
     if picture_path is not None:
         from localizer.predict.picture import draw_views
 
-        draw_views(picture_path, terrain, place, views, cameras)
+        try:
+            draw_views(picture_path, terrain, place, views, cameras)
+        except OSError as error:
+            raise SkyfixError(f"--out: {picture_path}: {error.strerror}") from None
     click.echo(json.dumps(fields(place, views, notes)) if as_json else text(place, views, notes))

@@ -197,6 +197,8 @@ def test_every_bad_input_of_predict_is_told_in_one_line(
     assert "give one of" in bad(*AT, "--fov-deg", "60", "--camera", bundle_dir)
     assert "no picture format" in bad(*AT, "--out", tmp_path / "view.txt")
     assert "no such folder" in bad(*AT, "--out", tmp_path / "nowhere" / "view.png")
+    (tmp_path / "folder.png").mkdir()
+    assert "Is a directory" in bad(*AT, "--azimuth", "0", "--out", tmp_path / "folder.png")
     assert "No such file" in bad(*AT, "--camera", tmp_path / "nowhere.json")
     broken = tmp_path / "broken.json"
     broken.write_text("{")
