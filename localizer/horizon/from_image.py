@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from localizer.horizon.edge_position import refine_edge
+from localizer.horizon.paper_border import inside_border
 from localizer.horizon.protrusions import standing_out
 from localizer.horizon.sky_boundary import SkyBoundary, trace_boundary
 from localizer.horizon.work_image import WorkImage, reduce_image
@@ -53,7 +54,8 @@ def find_skyline(image_bgr: NDArray[np.uint8]) -> Skyline:
         image_bgr: (height, width, 3), at least 16 x 16.
 
     Returns:
-        The skyline, arrays of length width. A picture without a skyline has NO_SKY or NO_TERRAIN in all columns.
+        The skyline, arrays of length width. A picture without a skyline has NO_SKY or NO_TERRAIN in all columns; the
+        border around a scanned one has NO_SKY.
 
     Raises:
         ValueError: the array has another shape or type.
@@ -67,6 +69,21 @@ def find_skyline(image_bgr: NDArray[np.uint8]) -> Skyline:
         raise ValueError(
             f"picture of shape {image_bgr.shape}, {image_bgr.dtype}: give (height, width, 3) in uint8, 16 x 16 or more"
         )
+    rows, columns = inside_border(image_bgr)
+    inside = _in_picture(np.ascontiguousarray(image_bgr[rows, columns]))
+    if inside.state.size == image_bgr.shape[1]:
+        return inside
+    before, after = columns.start, image_bgr.shape[1] - columns.stop
+    return Skyline(
+        row_px=np.pad(inside.row_px + rows.start, (before, after), constant_values=np.nan),
+        sigma_px=np.pad(inside.sigma_px, (before, after), constant_values=np.nan),
+        confidence=np.pad(inside.confidence, (before, after)),
+        state=np.pad(inside.state, (before, after), constant_values=np.uint8(ColumnState.NO_SKY)),
+    )
+
+
+def _in_picture(image_bgr: NDArray[np.uint8]) -> Skyline:
+    """`find_skyline` in a picture without a border."""
     height, width = image_bgr.shape[:2]
     work = reduce_image(image_bgr)
     boundary = trace_boundary(work)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 
 from localizer.horizon.from_image import CONFIDENT, ColumnState, Skyline, find_skyline
 
@@ -42,6 +43,36 @@ def test_snow_and_rock_under_a_sky_of_a_brightness_between_them():
     assert used(skyline).mean() > 0.6
     assert np.median(error) < 0.5
     assert np.percentile(error, 95) < 2.0
+
+
+def scene() -> tuple[np.ndarray, np.ndarray]:
+    """A clear ridge and its picture."""
+    edge = 250.0 + 40.0 * np.sin(COLUMNS / 110.0)
+    sky = np.array([230.0, 190.0, 150.0]) + 10.0 * np.arange(HEIGHT)[:, None, None] / HEIGHT
+    grain = 8.0 * smooth_noise(2, (2.0, 2.0))[..., None]
+    return edge, noisy(sky + (np.array([60.0, 90.0, 80.0]) + grain - sky) * below(edge), 4)
+
+
+@pytest.mark.parametrize("paper", [(238, 242, 245), (8, 6, 9)])
+def test_the_border_of_a_scanned_picture_is_no_sky(paper):
+    edge, image = scene()
+    framed = cv2.copyMakeBorder(image, 30, 40, 50, 60, cv2.BORDER_CONSTANT, value=paper)
+    grain = np.random.default_rng(6).normal(0.0, 4.0, framed.shape)
+    skyline = find_skyline(np.clip(framed + grain, 0, 255).round().astype(np.uint8))
+    inside = slice(55, 50 + WIDTH - 5)
+    assert used(skyline)[inside].mean() > 0.9
+    error = skyline.row_px[inside] - (edge[5:-5] + 30.0)
+    assert np.percentile(np.abs(error[used(skyline)[inside]]), 95) < 1.5
+    assert not used(skyline)[:45].any()
+    assert not used(skyline)[-55:].any()
+
+
+def test_a_sky_that_is_white_all_over_is_no_border():
+    edge, image = scene()
+    image[below(edge)[..., 0] == 0.0] = 255
+    skyline = find_skyline(image)
+    assert used(skyline).mean() > 0.9
+    assert np.median(np.abs(skyline.row_px - edge)[used(skyline)]) < 0.7
 
 
 def test_a_ridge_as_pale_as_the_clouds_in_the_glare_makes_the_nearer_one_doubtful(skyfix_data: Path):
