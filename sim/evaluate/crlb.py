@@ -3,14 +3,17 @@
 Computed from the simulator's own geometry and the scenario's noise, without the localizer: the exact contour is
 differentiated numerically by everything that is unknown, and the information of the columns and the sensors is added up.
 
-The camera stands on the DEM's ground at the mast's height; how far a DEM with errors is off there and at the skyline is part
-of the noise. Columns that show something else than terrain are taken to be known, hence left out.
+The unknowns are the place, the camera's height above the ground there (the mast's, as far as the DEM is right), and the
+sensors' errors. Place and ground are moved together: on a slope that is itself the skyline that makes a difference. How far
+a DEM with errors is off there and at the skyline is part of the noise. Columns that show something else than terrain are
+taken to be known, hence left out.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from sim.contour import skyline_contour, undistorted
 from sim.evaluate.disturb import Disturbed
@@ -22,13 +25,14 @@ from sim.surface import Observer, Surface
 
 Array = NDArray[np.float64]
 
-EAST, NORTH, ALTITUDE, AZIMUTH_BIAS, TILT_BIAS, FIRST_FRAME = range(6)
-STEP_M = 0.5
+EAST, NORTH, HEIGHT, AZIMUTH_BIAS, TILT_BIAS, FIRST_FRAME = range(6)
+STEP_M = 0.02  # short: where the ground close by is the skyline, it changes its face within decimetres
 STEP_DEG = 0.01
 COLUMNS_EACH = 4  # one column of these is differentiated, and stands for all
 LEAST_SIGMA_PX = 1e-3
 LEAST_SIGMA_DEG = 1e-6
-GROUND_SIGMA_M = 0.01  # mast height
+UNKNOWN_M = 1e5  # no altimeter
+GROUND_SIGMA_M = 0.001  # the mast is as high as it is said to be
 
 
 @dataclass(frozen=True)
@@ -58,16 +62,19 @@ def cramer_rao_bound(
     jacobian = contour_jacobian(truth, scenario.camera, parts)
     ok = np.isfinite(jacobian).all(axis=1)
     noise = _noise(truth, scenario, parts)[np.ix_(ok, ok)]
-    ground = _ground_row(truth.surface, truth.observer, jacobian.shape[1])
-    with_ground = np.vstack([jacobian[ok], ground])
+    size = jacobian.shape[1]
+    altimeter = np.zeros((1, size))
+    altimeter[0, [EAST, NORTH]], altimeter[0, HEIGHT] = _ground_slope(truth.surface, truth.observer), 1.0
+    altitude_sigma_m = scenario.errors.altitude_sigma_m if scenario.errors.altimeter else UNKNOWN_M
+    everything = np.vstack([jacobian[ok], altimeter])
+    covariance = block_diag(noise, np.array([[altitude_sigma_m**2]]))
+    free = _prior_information(scenario, size)
+    standing = free.copy()
     rms = scenario.dem_error.rms_m if scenario.dem_error else 0.0
-    ground_noise = np.zeros((len(noise) + 1, len(noise) + 1))
-    ground_noise[:-1, :-1] = noise
-    ground_noise[-1, -1] = rms**2 + GROUND_SIGMA_M**2
-    prior = _prior_information(scenario, jacobian.shape[1])
+    standing[HEIGHT] = 1.0 / (rms**2 + GROUND_SIGMA_M**2)
     return Bound(
-        covariance_m2=position_covariance(with_ground, ground_noise, prior),
-        free_altitude_m2=position_covariance(jacobian[ok], noise, prior),
+        covariance_m2=position_covariance(everything, covariance, standing),
+        free_altitude_m2=position_covariance(everything, covariance, free),
     )
 
 
@@ -89,7 +96,7 @@ def position_covariance(jacobian: Array, noise: Array, prior: Array) -> Array | 
 
 
 def contour_jacobian(truth: Truth, optics: CameraOptics, columns_px: list[Array]) -> Array:
-    """Change of the contours' rows (n, 5 + 3 frames) by east, north, altitude (px/m), biases and frames' errors (px/deg).
+    """Change of the contours' rows (n, 5 + 3 frames) by east, north, height (px/m), biases and frames' errors (px/deg).
 
     Errors are measured minus true; ``columns_px`` are those of each frame.
     """
@@ -127,8 +134,10 @@ def _by_attitude(
 
 
 def _moved(surface: Surface, here: Observer, east_m: float, north_m: float, up_m: float) -> Observer:
+    """The eye moved along the ground, and then up."""
     row, col = _lattice_at(surface, here, east_m, north_m)
-    return surface.observer(row, col, here.altitude_m + up_m)
+    rise_m = surface.height(row, col) - surface.height(here.row, here.col)
+    return surface.observer(row, col, here.altitude_m + rise_m + up_m)
 
 
 def _lattice_at(surface: Surface, here: Observer, east_m: float, north_m: float) -> tuple[float, float]:
@@ -137,26 +146,19 @@ def _lattice_at(surface: Surface, here: Observer, east_m: float, north_m: float)
     return float(row[0]), float(col[0])
 
 
-def _ground_row(surface: Surface, here: Observer, size: int) -> Array:
-    """The observation "altitude less ground less mast is zero", differentiated by all unknowns (size,)."""
-    slope = [
-        (
-            surface.height(*_lattice_at(surface, here, *ahead))
-            - surface.height(*_lattice_at(surface, here, *back))
-        )
-        / (2.0 * STEP_M)
-        for ahead, back in (((STEP_M, 0.0), (-STEP_M, 0.0)), ((0.0, STEP_M), (0.0, -STEP_M)))
-    ]
-    row = np.zeros(size)
-    row[EAST], row[NORTH], row[ALTITUDE] = -slope[0], -slope[1], 1.0
-    return row
+def _ground_slope(surface: Surface, here: Observer) -> tuple[float, float]:
+    """Rise of the ground per metre east and north."""
+
+    def rise(east_m: float, north_m: float) -> float:
+        ahead, behind = (_lattice_at(surface, here, s * east_m, s * north_m) for s in (1.0, -1.0))
+        return (surface.height(*ahead) - surface.height(*behind)) / (2.0 * STEP_M)
+
+    return rise(STEP_M, 0.0), rise(0.0, STEP_M)
 
 
 def _prior_information(scenario: EvaluationScenario, size: int) -> Array:
     errors = scenario.errors
     sigma = np.full(size, np.inf)
-    if errors.altimeter:
-        sigma[ALTITUDE] = errors.altitude_sigma_m
     if errors.azimuth_bias_sigma_deg < NO_COMPASS_SIGMA_DEG:
         sigma[AZIMUTH_BIAS] = max(errors.azimuth_bias_sigma_deg, LEAST_SIGMA_DEG)
     sigma[TILT_BIAS] = max(errors.tilt_bias_sigma_deg, LEAST_SIGMA_DEG)

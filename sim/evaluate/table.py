@@ -8,6 +8,7 @@ import hashlib
 import io
 import json
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -93,7 +94,9 @@ def _digest(path: Path) -> str:
         raise SimulationError(f"DEM {path}: {error.strerror or error}; name a readable file") from error
 
 
+@cache
 def _source_digest() -> str:
+    """Of the localizer's files when this process first asked."""
     total = hashlib.sha256()
     folder = Path(localizer.__file__).parent
     for path in sorted(folder.rglob("*.py")):
