@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,8 +30,11 @@ NEAR_CELLS, NEAR_SIGMAS = 5.0, 5.0
 """A place counts as the true one within so many cells or standard deviations (its own and the truth's) of it."""
 
 
-HEADING_AND_ALTITUDE = (("2 deg", "known"), ("none", "known"), ("2 deg", "none"))
-"""What is known in each search. Neither of both is left out: it takes minutes."""
+HEADING_AND_ALTITUDE = {
+    "found": (("2 deg", "known"), ("none", "known"), ("2 deg", "none")),
+    "known": (("2 deg", "known"), ("none", "known")),
+}
+"""What is known in the searches by each skyline. Without either of both a search takes minutes."""
 
 
 @dataclass(frozen=True)
@@ -91,10 +94,11 @@ def is_true_place(error_m: float, sigma_m: float, truth_sigma_m: float, cell_m: 
 def search(
     standpoint: Standpoint,
     terrain: Terrain | None = None,
-    knowing: Sequence[tuple[str, str]] = HEADING_AND_ALTITUDE,
+    knowing: Mapping[str, Sequence[tuple[str, str]]] = HEADING_AND_ALTITUDE,
 ) -> Iterator[Trial]:
     """Search for a standpoint with each skyline and with each of `knowing`: what is known of heading and altitude.
 
+    `knowing`: by "found" and "known", the skyline searched by; heading "2 deg" or "none", altitude "known" or "none".
     `terrain`: that of `standpoint.dem`, if it was prepared before.
     """
     terrain = terrain or terrain_of(standpoint)
@@ -105,7 +109,7 @@ def search(
         skylines["known"] = [skyline_of_trace(standpoint.traced[frame.label]) for frame in bundle.frames]
     for skyline, rows in skylines.items():
         observation = observe(bundle, rows)
-        for heading, altitude in knowing:
+        for heading, altitude in knowing[skyline]:
             given = _with_heading(bundle, observation, standpoint, heading == "2 deg")
             if altitude == "none":
                 given = replace(given, altitude_m=None, altitude_sigma_m=math.inf)
