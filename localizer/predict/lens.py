@@ -15,6 +15,8 @@ from localizer.predict.views import View
 
 Floats = NDArray[np.float64]
 
+TILT_RANGE_DEG = (-30.0, 60.0)
+"""No head tilts farther, and no skyline asks for it."""
 HEADROOM_DEG = 2.0
 """The skyline may rise and fall by so much just beside what the middle row sees."""
 
@@ -72,9 +74,8 @@ def width_deg(camera: Camera) -> float:
 
 def pointed_at(camera: Camera, seen: View) -> Pointed:
     """Tilted so that the skyline's lowest and highest points lie equally far from the middle."""
-    met = seen.elevation_deg[np.isfinite(seen.distance_m)]
-    middle_deg = 0.5 * float(met.min() + met.max()) if met.size else 0.0
-    return Pointed(camera, seen.azimuth_deg, middle_deg)
+    middle_deg = 0.5 * sum(seen.range_deg)
+    return Pointed(camera, seen.azimuth_deg, float(np.clip(middle_deg, *TILT_RANGE_DEG)))
 
 
 def whole_width_deg(pointed: Pointed, seen: View) -> float:
@@ -83,9 +84,8 @@ def whole_width_deg(pointed: Pointed, seen: View) -> float:
     v_px = np.linspace(-0.5, camera.height_px - 0.5, 200)
     u_px = np.repeat([-0.5, camera.width_px - 0.5], len(v_px))
     azimuth_deg, elevation_deg = pointed.directions_deg(u_px, np.tile(v_px, 2))
-    met = seen.elevation_deg[np.isfinite(seen.distance_m)]
-    lowest, highest = (met.min(), met.max()) if met.size else (0.0, 0.0)
-    beside = (elevation_deg > lowest - HEADROOM_DEG) & (elevation_deg < highest + HEADROOM_DEG)
+    lowest_deg, highest_deg = seen.range_deg
+    beside = (elevation_deg > lowest_deg - HEADROOM_DEG) & (elevation_deg < highest_deg + HEADROOM_DEG)
     offset_deg = np.abs((azimuth_deg - pointed.azimuth_deg + 180.0) % 360.0 - 180.0)
     return max(seen.width_deg, 2.0 * float(offset_deg[beside].max(initial=0.0)))
 

@@ -11,7 +11,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import LinearSegmentedColormap, LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter
+from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import NDArray
 
 from localizer.horizon.from_terrain import Terrain
@@ -33,6 +33,9 @@ MARGIN_DEG = (2.5, 1.6)
 """Below the skyline's lowest and above its highest point."""
 WIDTH_INCHES = 13.0
 MOST_LABELS = 6
+FEWEST_TICKS = 3
+LABEL_SPACING = 0.06
+"""Of a view's width, so that no label covers another."""
 
 
 class Shading:
@@ -70,10 +73,8 @@ def draw_views(
         tall = (WIDTH_INCHES / across - 0.6) * camera.height_px / camera.width_px
     figure = Figure(figsize=(WIDTH_INCHES, down * (tall + 0.65) + 1.0), dpi=110, layout="constrained")
     FigureCanvasAgg(figure)
-    figure.suptitle(
-        f"Skyline from {place.lat_deg:.5f}°, {place.lon_deg:.5f}°, camera at {place.altitude_m:.0f} m",
-        fontsize=13,
-    )
+    title = f"Skyline from {place.lat_deg:.5f}°, {place.lon_deg:.5f}°, camera at {place.altitude_m:.0f} m"
+    figure.suptitle(title, fontsize=13, x=0.01, ha="left")
     axes = figure.subplots(down, across, squeeze=False).ravel()
     for i, seen in enumerate(views):
         if cameras is None:
@@ -97,6 +98,9 @@ def _draw_key(figure: Figure, axes: NDArray[np.object_], shading: Shading, views
     )
     bar.set_label("distance of the skyline, km", fontsize=9)
     ticks = [v for v in _ROUND_M if shading.nearest_m <= v <= shading.farthest_m]
+    if len(ticks) < FEWEST_TICKS:
+        between = MaxNLocator(5).tick_values(shading.nearest_m, shading.farthest_m)
+        ticks = [v for v in between if shading.nearest_m <= v <= shading.farthest_m]
     bar.set_ticks(ticks, labels=[f"{v / 1000.0:g}" for v in ticks])
     bar.ax.minorticks_off()
     handles = []
@@ -175,10 +179,8 @@ def _azimuth_ticks(axes: Axes, seen: View, pointed: Pointed) -> None:
 
 
 def _range_deg(seen: View) -> tuple[float, float]:
-    met = seen.elevation_deg[np.isfinite(seen.distance_m)]
-    if met.size == 0:
-        return -5.0, 5.0
-    return float(met.min()) - MARGIN_DEG[0], float(met.max()) + MARGIN_DEG[1]
+    lowest_deg, highest_deg = seen.range_deg
+    return lowest_deg - MARGIN_DEG[0], highest_deg + MARGIN_DEG[1]
 
 
 def _coloured(distance_m: Floats, brightness: Floats, shading: Shading) -> Floats:
@@ -210,11 +212,13 @@ def _draw_skyline(axes: Axes, seen: View, x: Floats, y: Floats, shading: Shading
         there = doubtful & met
         axes.plot(np.where(there, x, np.nan), np.where(there, y, np.nan), color=colour, lw=3.2)
     highest = sorted(seen.summits, key=lambda s: -s.elevation_deg)[:MOST_LABELS]
+    labelled: list[float] = []
     for summit in highest:
         offset = (summit.azimuth_deg - seen.azimuth_deg + 180.0) % 360.0 - 180.0
         at = int(np.argmin(np.abs(seen.offset_deg - offset)))
-        if not met[at]:
+        if not met[at] or any(abs(x[at] - other) < LABEL_SPACING * abs(x[-1] - x[0]) for other in labelled):
             continue
+        labelled.append(x[at])
         axes.annotate(
             _distance(summit.distance_m),
             (x[at], y[at]),

@@ -77,6 +77,12 @@ class View:
         """True azimuths, 0 to 360."""
         return np.asarray((self.azimuth_deg + self.offset_deg) % 360.0)
 
+    @property
+    def range_deg(self) -> tuple[float, float]:
+        """Lowest and highest elevation of the skyline where the terrain goes on behind it; 0 where it does nowhere."""
+        chosen = self.elevation_deg[~self.at_edge]
+        return (float(chosen.min()), float(chosen.max())) if chosen.size else (0.0, 0.0)
+
 
 def standpoint(dem: Dem, lat_deg: float, lon_deg: float, mast_height_m: float) -> Standpoint:
     """A camera on a mast at a place. Raises ``SkyfixError`` where the DEM knows no ground there."""
