@@ -1,11 +1,16 @@
 # Two commands set everything up on a fresh machine: make demo, make test.
 PYTHON ?= python3
 SEED ?= 1
+# For make evaluate: DEMs, cases of each scenario at contour level and with pictures, processes.
+DEMS ?= sim/terrain/santa_cruz_srtm_1s.tif
+CASES ?= 1000
+PICTURE_CASES ?= 200
+JOBS ?= 2
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: demo test test-all lint format clean
+.PHONY: demo test test-all evaluate lint format clean
 
 demo: $(READY)
 	$(BIN)/sim demo --seed $(SEED) --out demo
@@ -15,6 +20,22 @@ test: $(READY)
 
 test-all: $(READY)
 	$(BIN)/pytest -n 2 --dist loadgroup -m "long or not long"
+
+EVALUATE = $(BIN)/sim evaluate $(addprefix --dem ,$(DEMS)) --seed $(SEED) --jobs $(JOBS)
+SCENARIOS = $(sort $(basename $(notdir $(wildcard configs/scenarios/evaluate/*.toml))))
+PICTURE_SCENARIOS = realistic dem_error
+BOUND_SCENARIOS = paper realistic
+
+evaluate: $(READY) $(SCENARIOS:%=evaluate-contour-%) $(BOUND_SCENARIOS:%=evaluate-bound-%) $(PICTURE_SCENARIOS:%=evaluate-image-%)
+
+evaluate-contour-%: $(READY)
+	$(EVALUATE) --scenario configs/scenarios/evaluate/$*.toml --cases $(CASES) --out evaluation/contour/$*
+
+evaluate-bound-%: $(READY)
+	$(EVALUATE) --scenario configs/scenarios/evaluate/$*.toml --cases $(CASES) --estimator-only --out evaluation/bound/$*
+
+evaluate-image-%: $(READY)
+	$(EVALUATE) --scenario configs/scenarios/evaluate/$*.toml --cases $(PICTURE_CASES) --level image --out evaluation/image/$*
 
 lint: $(READY)
 	$(BIN)/ruff format --check .
