@@ -17,8 +17,9 @@ from rig.bus.deadline import Deadline
 from rig.bus.retry import retry
 from rig.bus.serial_port import SerialPort
 from rig.dynamixel import control_table as table
+from rig.dynamixel.protocol2 import StatusError
 from rig.dynamixel.servo import Servo, ServoState, read_states, require_models
-from rig.dynamixel.servo_bus import ServoBus
+from rig.dynamixel.servo_bus import RefusedError, ServoBus
 from rig.errors import DeviceError, GoalError, RigError, TransientError
 from rig.fault_notes import note_fault
 from rig.keep_out import Zone, route
@@ -233,8 +234,18 @@ class PanTilt:
         for axis in self._axes:
             self._make_ready(axis)
         for axis, goal in zip(self._axes, goals, strict=True):
-            retry(partial(axis.servo.write, "Goal Position", goal))
+            retry(partial(self._send_goal, axis.servo, goal))
         self._goal_deg = pan_deg, tilt_deg
+
+    @staticmethod
+    def _send_goal(servo: Servo, goal: int) -> None:
+        try:
+            servo.write("Goal Position", goal)
+        except RefusedError as error:
+            if error.number == StatusError.DATA_RANGE and servo.bus_watchdog_tripped():
+                remedy = "nobody spoke to it in time: raise bus_watchdog_ms, or move again"
+                raise StoppedError(servo.name, "its bus watchdog stopped it", remedy) from error
+            raise
 
     def _make_ready(self, axis: _Axis) -> None:
         """Torque on and watchdog armed, with the configured speed, whatever happened since the last move."""
@@ -368,5 +379,10 @@ class PanTilt:
         try:
             self.close()
         except RigError as failure:
+            if isinstance(error, RigError):  # its message is the one line that the operator reads
+                error.args = (
+                    f"{error}. The head's torque could not be switched off: switch the servo power off",
+                )
+                return
             _log.error("%s", failure)
             error.add_note(str(failure))

@@ -26,8 +26,8 @@ BUS_IN_THE_HEAD, BUS_IN_THE_BASE = 1, 2
 TALKER_BAUD = 4800
 COMPASS_RATE_HZ, BAROMETER_RATE_HZ = 5.0, 2.0
 SELF_HEATING_C = 2.0
-QUIETEST_UG_RTHZ = 5.0
-"""No accelerometer is free of noise, not even in an ideal world: one that repeats itself has stopped converting."""
+QUIETEST_UG_RTHZ, QUIETEST_UT, QUIETEST_PA = 5.0, 0.02, 0.5
+"""No chip is free of noise, not even in an ideal world: one that repeats itself has stopped converting."""
 
 MOUNTING = {"adxl355": ("+y", "-x", "+z"), "iis2iclx": ("-x", "-y", "+z"), "mmc5983ma": ("-y", "+x", "+z")}
 """How each chip is soldered: its axis that points right, forward and up."""
@@ -98,7 +98,7 @@ def compass(world: World, head: HeadNow, clock: Clock) -> FittedChip | FittedTal
         lambda: world.air_temperature_c + SELF_HEATING_C,
         clock=clock,
         rng=rng,
-        noise_ut=wanted.noise_ut,
+        noise_ut=max(wanted.noise_ut, QUIETEST_UT),
         bridge_offset_ut=(x, y, z),
     )
     keys = {
@@ -154,7 +154,7 @@ def altimeter(world: World, clock: Clock) -> FittedChip | FittedTalker:
         )
         kind = wanted.kind if wanted.kind == "vaisala-pa50" else "nmea"
         return FittedTalker(talker, {"kind": kind, "baud": TALKER_BAUD})
-    noise_pa = 100.0 * wanted.noise_hpa
+    noise_pa = max(100.0 * wanted.noise_hpa, QUIETEST_PA)
     chip: PoweredChip
     if wanted.kind == "ms5611":
         chip = Ms5611(pressure_pa, chip_temperature_c, clock=clock, rng=rng, noise_pa=noise_pa)

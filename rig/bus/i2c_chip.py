@@ -59,10 +59,12 @@ class I2cChip:
 
     def require_identity(self, register: int, expected: int, hint: str = "") -> None:
         """Raise ``WrongDeviceError`` unless ``register`` holds ``expected``; ``hint`` says what else it may
-        be.
+        be. ``TransientError`` where it holds another value with each reading: a bad wire.
         """
         found = self.read_register(register)[0]
         if found != expected:
+            if self.read_register(register)[0] != found:
+                raise self.implausible("the identity is another one with each reading")
             problem = f"identity register 0x{register:02X} holds 0x{found:02X} instead of 0x{expected:02X}"
             raise WrongDeviceError(
                 self.name, problem + (f" ({hint})" if hint else ""), "correct the chip or `address`"

@@ -12,8 +12,8 @@ from rig.bus.deadline import Deadline
 from rig.errors import LostPortError, TransientError
 from rig.fault_notes import note_fault
 
-TRIES = 6
-"""With the doubling pauses they span a servo's restart, some 0.3 s."""
+TRIES = 7
+"""With the doubling pauses they span 1.3 s: a servo's restart, or a plug that is seated badly."""
 
 REPLUG_S = 5.0
 """How long an adapter that was pulled out is waited for."""
@@ -28,7 +28,7 @@ def retry(
     *,
     tries: int = TRIES,
     within_s: float = 5.0,
-    pause_s: float = 0.01,
+    pause_s: float = 0.02,
     replug_s: float | None = None,
 ) -> T:
     """What ``exchange`` returns, called again after a ``TransientError``.

@@ -6,6 +6,7 @@ from rig.bus.deadline import Deadline
 from rig.bus.serial_port import SerialPort
 from rig.dynamixel.protocol2 import BROADCAST_ID, Instruction, Status, StatusError, StatusParser, frame
 from rig.errors import DeviceError, MessageError, TransientError
+from rig.fault_notes import note_fault
 
 _BITS_PER_BYTE = 10  # start, 8 data, stop
 _STATUS_OVERHEAD_BYTES = 11
@@ -115,6 +116,8 @@ class ServoBus:
             last_try = deadline.expired  # what arrived while this process was not scheduled still counts
             data = self._port.read(deadline)
             found |= {s.servo_id: s for s in parser.feed(data) if s.servo_id in servo_ids}
+        if parser.problem and len(found) == len(servo_ids):
+            note_fault(f"servo bus {self.path}", str(parser.problem), "skipped")
         return list(found.values()), parser.problem
 
 

@@ -9,8 +9,9 @@ from rig.bus.deadline import Deadline, wait_until
 from rig.bus.i2c import I2cBus
 from rig.bus.i2c_chip import I2cChip
 from rig.readings import Instant, PressureReading
-from rig.sensors.sampling import read_for
+from rig.sensors.sampling import read_for, require_noise
 
+FROZEN_REPEATS = 8
 DEFAULT_ADDRESS = 0x76
 
 _CHIP_ID = 0x00
@@ -138,8 +139,10 @@ class Bmp3:
             raise self._chip.broken(f"reports a {' and a '.join(reported)}")
 
     def read_many(self, duration_s: float) -> list[PressureReading]:
-        """All readings that fit into ``duration_s``, at least one."""
-        return read_for(self.read, duration_s)
+        """All readings that fit into ``duration_s``, at least one. ``DeviceError`` where the chip is frozen."""
+        readings = read_for(self.read, duration_s)
+        require_noise(self._chip.name, [(r.pressure_hpa, r.temperature_c) for r in readings], FROZEN_REPEATS)
+        return readings
 
     def close(self) -> None:
         """Give the bus back; the chip is asleep anyway."""

@@ -11,8 +11,9 @@ from rig.bus.deadline import Deadline, wait_until
 from rig.bus.i2c import I2cBus
 from rig.bus.i2c_chip import I2cChip
 from rig.readings import FieldReading, Instant
-from rig.sensors.sampling import read_for
+from rig.sensors.sampling import read_for, require_noise
 
+FROZEN_REPEATS = 8
 DEFAULT_ADDRESS = 0x30
 
 _XOUT_0 = 0x00
@@ -110,8 +111,10 @@ class Mmc5983ma:
         return bool(self._chip.read_register(_STATUS)[0] & bit)
 
     def read_many(self, duration_s: float) -> list[FieldReading]:
-        """All readings that fit into ``duration_s``, at least one."""
-        return read_for(self.read, duration_s)
+        """All readings that fit into ``duration_s``, at least one. ``DeviceError`` where the chip is frozen."""
+        readings = read_for(self.read, duration_s)
+        require_noise(self._chip.name, [(r.x_ut, r.y_ut, r.z_ut) for r in readings], FROZEN_REPEATS)
+        return readings
 
     def close(self) -> None:
         """Give the bus back; the chip is idle anyway."""

@@ -12,7 +12,7 @@ from rig.bus.i2c import I2cBus
 from rig.bus.i2c_chip import I2cChip
 from rig.errors import WrongDeviceError
 from rig.readings import Instant, PressureReading
-from rig.sensors.sampling import read_for
+from rig.sensors.sampling import read_for, require_noise
 
 DEFAULT_ADDRESS = 0x77
 
@@ -116,8 +116,10 @@ class Ms5611:
         return value
 
     def read_many(self, duration_s: float) -> list[PressureReading]:
-        """All readings that fit into ``duration_s``, at least one."""
-        return read_for(self.read, duration_s)
+        """All readings that fit into ``duration_s``, at least one. ``DeviceError`` where the chip is frozen."""
+        readings = read_for(self.read, duration_s)
+        require_noise(self._chip.name, [(r.pressure_hpa, r.temperature_c) for r in readings])
+        return readings
 
     def close(self) -> None:
         """Give the bus back; the chip is idle anyway."""

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from typing import Generic, Protocol, TypeVar
 
 from rig.bus.retry import retry
-from rig.errors import RigError, TransientError
+from rig.errors import DeviceError, LostPortError, RigError, TransientError, WrongDeviceError
 
 Reading_co = TypeVar("Reading_co", covariant=True)
 
@@ -50,12 +50,20 @@ class Reviving(Generic[Reading_co]):
     def read_many(self, duration_s: float) -> Sequence[Reading_co]:
         """All readings of some seconds, at least one."""
         if self._sensor is None:
-            self._sensor = self._connect()
+            self._sensor = self._reconnected()
         try:
             return self._sensor.read_many(duration_s)
         except TransientError:
             self.close()
             raise
+
+    def _reconnected(self) -> Sensor[Reading_co]:
+        try:
+            return self._connect()
+        except (TransientError, WrongDeviceError):
+            raise
+        except DeviceError as error:  # it worked before, so it may come back
+            raise LostPortError(error.device, error.problem, error.remedy) from error
 
     def close(self) -> None:
         """Give its bus or port back. A sensor that cannot be closed is not worth an error: it is read no more."""

@@ -23,12 +23,14 @@ def read_for(read: Callable[[], Reading], duration_s: float) -> list[Reading]:
     return readings
 
 
-def require_noise(name: str, samples: Sequence[Hashable]) -> None:
+def require_noise(
+    name: str, samples: Sequence[Hashable], suspicious_repeats: int = _SUSPICIOUS_REPEATS
+) -> None:
     """Raise ``DeviceError`` where many samples in a row are all the same.
 
     A working sensor has noise of more than one count; one that repeats itself has stopped converting, however
-    plausible its value.
+    plausible its value. How many are suspicious depends on how fine the counts are against the noise.
     """
-    if len(samples) >= _SUSPICIOUS_REPEATS and len(set(samples)) == 1:
+    if len(samples) >= suspicious_repeats and len(set(samples)) == 1:
         problem = f"is frozen: {len(samples)} identical readings in a row"
         raise DeviceError(name, problem, "power-cycle it; replace it if that does not help")

@@ -6,10 +6,11 @@ from typing import Generic, TypeVar
 from rig.bus.deadline import Deadline
 from rig.bus.serial_port import SerialPort
 from rig.errors import MessageError, TransientError
+from rig.fault_notes import note_fault
 from rig.readings import HeadingReading, Instant, PressureReading
 from rig.sensors.nmea import parse_heading, parse_pressure, parse_sentence
 from rig.sensors.sampling import read_for
-from rig.sensors.vaisala import parse_pa50
+from rig.sensors.vaisala import SOH, parse_pa50
 
 DEFAULT_TIMEOUT_S = 3.0
 
@@ -85,8 +86,11 @@ class Talker(Generic[Reading]):
                 reading = self._parse(line, Instant.now())
             except MessageError as problem:
                 seen, remedy = f"damaged: {problem}", "check `baud` and the cable"
+                note_fault(self._name, "sent a damaged line", "waited for the next")
                 continue
             if reading is not None:
+                if line[:1] not in (b"$", SOH):
+                    note_fault(self._name, "sent other bytes before a line", "skipped")
                 return reading
             seen, remedy = f"{line[:82]!r}", f"set the instrument to send a {self._what}"
         problem_text = f"no {self._what} within {timeout_s:g} s; last line: {seen}"

@@ -91,7 +91,12 @@ def test_a_reading_sets_measures_resets_and_measures(chip, sensor):
 
 def test_many_readings_are_at_least_one(sensor):
     assert len(sensor.read_many(0.0)) == 1
-    assert len(sensor.read_many(0.05)) > 2
+    assert len(sensor.read_many(0.01)) > 1
+
+
+def test_a_chip_whose_readings_are_all_the_same_is_frozen(sensor):
+    with pytest.raises(DeviceError, match="is frozen: "):
+        sensor.read_many(0.3)
 
 
 def test_it_names_itself_and_gives_the_bus_back(chip):
