@@ -114,29 +114,42 @@ def predict(mixture: Mixture, movement: Movement | None, area_m2: float) -> Mixt
 
 def update(mixture: Mixture, look: Look) -> tuple[Posterior, ...]:
     """The hypotheses after a look, by falling probability; their probabilities add up to at most 1."""
-    parts: list[tuple[float, Posterior]] = []  # the logarithm of each one's weight comes first
-
-    def add(weight: float, place: Place, evidence: float, number: int | None) -> None:
-        if weight > -np.inf:
-            parts.append(
-                (weight, Posterior(Hypothesis(place=place, probability=0.0, evidence=evidence), number))
-            )
-
     believed, misled = _log(1.0 - look.chance), _log(look.chance)
+    log_weights: list[float] = [_log(mixture.elsewhere) + misled]
+    pairs: list[tuple[Hypothesis | None, Seen | None]] = [(None, None)]
     for c in look.seen:
         here = believed + _log(c.probability)
-        add(_log(mixture.elsewhere) + here, c.place, c.evidence, c.number)
+        log_weights.append(_log(mixture.elsewhere) + here)
+        pairs.append((None, c))
         for h in mixture.hypotheses:
             agree = _log(look.area_m2) + log_density(h.place, c.place, look.floor_m)
-            weight = _log(h.probability) + here + agree
-            add(weight, fuse(h.place, c.place), h.evidence + c.evidence, c.number)
+            log_weights.append(_log(h.probability) + here + agree)
+            pairs.append((h, c))
     for h in mixture.hypotheses:
-        add(_log(h.probability) + misled, h.place, h.evidence, None)
-    nowhere = _log(mixture.elsewhere) + misled
-    highest = max([nowhere, *(weight for weight, _ in parts)])
-    total = float(np.exp(nowhere - highest) + sum(np.exp(weight - highest) for weight, _ in parts))
-    shares = [(float(np.exp(weight - highest)) / total, part) for weight, part in parts]
-    return _gathered([s for s in shares if s[0] >= SMALLEST_WEIGHT], look.same_m)
+        log_weights.append(_log(h.probability) + misled)
+        pairs.append((h, None))
+    weights = np.exp(np.array(log_weights) - max(log_weights))
+    shares = weights / weights.sum()
+    parts = [
+        (float(share), _joined(*pair))
+        for share, pair in zip(shares[1:], pairs[1:], strict=True)
+        if share >= SMALLEST_WEIGHT
+    ]
+    return _gathered(parts, look.same_m)
+
+
+def _joined(known: Hypothesis | None, seen: Seen | None) -> Posterior:
+    """The place of a hypothesis, of a candidate, or of both if they are one."""
+    if seen is None:
+        assert known is not None
+        return Posterior(known, None)
+    if known is None:
+        hypothesis = Hypothesis(place=seen.place, probability=0.0, evidence=seen.evidence)
+    else:
+        hypothesis = Hypothesis(
+            place=fuse(known.place, seen.place), probability=0.0, evidence=known.evidence + seen.evidence
+        )
+    return Posterior(hypothesis, seen.number)
 
 
 def mixture_of(posteriors: Sequence[Posterior]) -> Mixture:
