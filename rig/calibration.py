@@ -164,25 +164,31 @@ class AltimeterCalibration(_Document):
 
 
 class BoresightCalibration(_Document):
-    """How the camera sits against head and sensors. ``covariance_deg2`` is of azimuth, tilt and roll."""
+    """How the camera sits in the head, and what headings lack: their sum was measured, so they go together.
+
+    ``covariance_deg2`` is of azimuth (that sum), tilt and roll. The heading's part is None on a rig without a compass.
+    """
 
     kind: Literal["boresight"] = "boresight"
     azimuth_deg: Annotated[float, Field(ge=-45.0, le=45.0)]
     tilt_deg: Annotated[float, Field(ge=-45.0, le=45.0)]
     roll_deg: Annotated[float, Field(ge=-180.0, le=180.0)]
+    heading_offset_deg: Annotated[float, Field(ge=-180.0, le=180.0)] | None
     covariance_deg2: Matrix
 
     def values(self) -> Values:
         sigmas = [self.covariance_deg2[i][i] ** 0.5 for i in range(3)]
         names = ("azimuth", "tilt", "roll")
-        angles = {f"boresight_{name}_deg": getattr(self, f"{name}_deg") for name in names}
-        return {
-            "camera": angles
-            | {f"boresight_{name}_sigma_deg": s for name, s in zip(names, sigmas, strict=True)}
-        }
+        camera = {f"boresight_{name}_deg": getattr(self, f"{name}_deg") for name in names}
+        camera |= {f"boresight_{name}_sigma_deg": s for name, s in zip(names, sigmas, strict=True)}
+        if self.heading_offset_deg is None:
+            return {"camera": camera}
+        return {"camera": camera, "compass": {"heading_offset_deg": self.heading_offset_deg}}
 
     def misfit(self, config: "RigConfig") -> str | None:
-        return None
+        if (config.compass is None) == (self.heading_offset_deg is None):
+            return None
+        return "was measured with a compass" if config.compass is None else "was measured without a compass"
 
 
 Calibration = Annotated[

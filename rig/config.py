@@ -3,6 +3,7 @@
 ``configs/vehicle.toml`` explains each key to the engineer who installs the rig.
 """
 
+import logging
 import os
 import re
 import tomllib
@@ -31,6 +32,8 @@ from rig.keep_out import described, zone_at
 
 ENVIRONMENT_VARIABLE = "SKYFIX_CONFIG"
 MOST_SOFT_IRON = 0.5
+
+_log = logging.getLogger(__name__)
 
 Rows = tuple[tuple[float, float, float], ...]
 
@@ -63,6 +66,7 @@ def _near_identity(rows: Rows) -> Rows:
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
+HeadingOffset = Annotated[float, Field(ge=-180.0, le=180.0)]
 Triple = Annotated[tuple[Finite, Finite, Finite], Field(strict=False)]
 Row = Annotated[tuple[Finite, Finite, Finite], Field(strict=False)]
 Matrix = Annotated[tuple[Row, Row, Row], Field(strict=False), AfterValidator(_near_identity)]
@@ -203,6 +207,7 @@ class Mmc5983maSection(_Section):
     axes: Annotated[Axes, Field(strict=False)]
     declination_deg: Annotated[float, Field(ge=-180.0, le=180.0)] | None = None
     azimuth_bias_sigma_deg: Positive = 1.0
+    heading_offset_deg: HeadingOffset = 0.0
     hard_iron_ut: Triple = (0.0, 0.0, 0.0)
     soft_iron: Matrix = IDENTITY
     vehicle_hard_iron_ut: Triple = (0.0, 0.0, 0.0)
@@ -217,6 +222,7 @@ class NmeaCompassSection(_Section):
     baud: Baud = 4800
     declination_deg: Annotated[float, Field(ge=-180.0, le=180.0)] | None = None
     azimuth_bias_sigma_deg: Positive = 1.0
+    heading_offset_deg: HeadingOffset = 0.0
 
 
 class _AltimeterSection(_Section):
@@ -418,6 +424,15 @@ def with_calibrations(config: RigConfig, calibrations: Iterable[AppliedCalibrati
     in_force = {each.document.kind: each for each in config.calibrations}
     for each in calibrations:
         kind = each.document.kind
+        for name, made_with in each.document.based_on.items():
+            if name in in_force and in_force[name].document.id != made_with:
+                _log.warning(
+                    "%s was made with %s, not with %s: calibrate the %s anew soon",
+                    Path(each.file).name,
+                    made_with,
+                    in_force[name].document.id,
+                    kind,
+                )
         misfit = each.document.misfit(config)
         if misfit:
             raise CalibrationError(f"{each.file}: {misfit}; calibrate the {kind} anew")

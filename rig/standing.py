@@ -91,7 +91,9 @@ def standing_from(config: RigConfig, stops: Sequence[Stop], compass: str | None)
     heading: TrueHeading = NO_COMPASS
     details: dict[str, Any] | None = None
     if config.compass:
-        heading, details = base_heading(config.compass, config.place, stops, level)
+        found, details = base_heading(config.compass, config.place, stops, level)
+        corrected_deg = (found.heading_deg + config.compass.heading_offset_deg) % 360.0
+        heading = replace(found, heading_deg=corrected_deg)
     return Standing(
         level.attitude(heading.heading_deg),
         level,

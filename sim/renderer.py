@@ -15,15 +15,39 @@ MID_GREY = 128.0
 READ_NOISE_SHARE = 0.3  # of a mid-grey pixel's variance; the rest is shot noise and grows with the light
 
 
+class Sensor:
+    """What lens and sensor make of light: blur, fall-off, exposure, noise."""
+
+    def __init__(self, optics: CameraOptics) -> None:
+        self.optics = optics
+        self.rays = _rays(optics)
+        """Through every pixel, SUPERSAMPLING a side: (rows, columns, 3) in the camera frame, z = 1."""
+        self._shading = _vignette(optics)
+
+    def image(self, fine: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """The picture before noise, 0..255, of what comes in along ``rays`` (rows, columns, 3)."""
+        size = (self.optics.width_px, self.optics.height_px)
+        picture = np.asarray(cv2.resize(fine, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
+        if self.optics.blur_px > 0.0:
+            picture = np.asarray(cv2.GaussianBlur(picture, (0, 0), self.optics.blur_px), dtype=np.float32)
+        return np.asarray(picture * self._shading)
+
+    def expose(self, clean: NDArray[np.float32], rng: np.random.Generator | None) -> NDArray[np.uint8]:
+        """The picture read out, with noise where there is a generator for it."""
+        if rng is None or self.optics.noise == 0.0:
+            return np.asarray(np.clip(np.rint(clean), 0.0, 255.0), dtype=np.uint8)
+        normal = rng.standard_normal(clean.shape, dtype=np.float32)
+        frame = np.empty(clean.shape, dtype=np.uint8)
+        _expose(clean, normal, np.float32(self.optics.noise), frame)
+        return frame
+
+
 class Renderer:
     """Takes pictures of a world's panorama. One thread each: it remembers the last view."""
 
     def __init__(self, world: World, panorama: Panorama) -> None:
-        optics = world.scenario.camera
-        self.optics = optics
         self.panorama = panorama
-        self._rays = _rays(optics)
-        self._shading = _vignette(optics)
+        self._sensor = Sensor(world.scenario.camera)
         self._last: tuple[Rotation, NDArray[np.float32]] | None = None
 
     def frame(self, rotation: Rotation, rng: np.random.Generator | None) -> NDArray[np.uint8]:
@@ -33,22 +57,17 @@ class Renderer:
             rotation: camera axes (columns) in east, north, up (3, 3).
             rng: of the sensor's noise; without one there is none.
         """
-        clean = self._clean(rotation)
-        if rng is None or self.optics.noise == 0.0:
-            return np.asarray(np.clip(np.rint(clean), 0.0, 255.0), dtype=np.uint8)
-        normal = rng.standard_normal(clean.shape, dtype=np.float32)
-        frame = np.empty(clean.shape, dtype=np.uint8)
-        _expose(clean, normal, np.float32(self.optics.noise), frame)
-        return frame
+        return self._sensor.expose(self._clean(rotation), rng)
 
     def _clean(self, rotation: Rotation) -> NDArray[np.float32]:
         """The picture before the sensor's noise, 0..255; a head at rest is drawn once."""
         if self._last is not None and np.array_equal(self._last[0], rotation):
             return self._last[1]
         columns = self.panorama.image.shape[1]
-        map_x, map_y = np.empty(self._rays.shape[:2], np.float32), np.empty(self._rays.shape[:2], np.float32)
+        rays = self._sensor.rays
+        map_x, map_y = np.empty(rays.shape[:2], np.float32), np.empty(rays.shape[:2], np.float32)
         _panorama_position(
-            self._rays,
+            rays,
             rotation.astype(np.float32),
             np.float32(1.0 / np.radians(self.panorama.step_deg)),
             np.float32(np.radians(self.panorama.top_deg)),
@@ -58,12 +77,7 @@ class Renderer:
             map_y,
         )
         fine = cv2.remap(self.panorama.image, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
-        size = (self.optics.width_px, self.optics.height_px)
-        coarse = cv2.resize(fine, size, interpolation=cv2.INTER_AREA)
-        picture = np.asarray(coarse, dtype=np.float32)
-        if self.optics.blur_px > 0.0:
-            picture = np.asarray(cv2.GaussianBlur(picture, (0, 0), self.optics.blur_px), dtype=np.float32)
-        clean = picture * self._shading
+        clean = self._sensor.image(np.asarray(fine, np.uint8))
         self._last = (rotation.copy(), clean)
         return clean
 

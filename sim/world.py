@@ -159,14 +159,14 @@ class World:
             SimulationError: the DEM cannot be read, or no place on it meets the scenario's conditions.
         """
         surface = Surface(read_terrain(dem_paths))
-        observer = draw_place(surface, scenario, random_generator(seed, "place"))
+        observer = draw_place(surface, scenario, random_generator(seed, _at_stop("place", scenario)))
         return cls.around(surface, observer, scenario, seed)
 
     @classmethod
     def around(cls, surface: Surface, observer: Observer, scenario: Scenario, seed: int) -> "World":
         """Draw everything but the place: ``observer`` is the camera's optical centre."""
         place = _place(surface, observer)
-        base = _draw_base(scenario, random_generator(seed, "base"))
+        base = _draw_base(scenario, random_generator(seed, _at_stop("base", scenario)))
         air = _draw_air(scenario, random_generator(seed, "weather"))
         biases = _draw_biases(scenario, air.temperature_c(place.altitude_m), seed)
         return cls(
@@ -255,6 +255,11 @@ class World:
 def random_generator(seed: int | Sequence[int], purpose: str) -> np.random.Generator:
     """The generator of one purpose: streams of different purposes are independent."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(zlib.crc32(purpose.encode()),)))
+
+
+def _at_stop(purpose: str, scenario: Scenario) -> str:
+    """A purpose that is drawn anew at each stop of a trip; the first is the one of no trip at all."""
+    return f"{purpose} {scenario.place.stop}" if scenario.place.stop else purpose
 
 
 def draw_place(

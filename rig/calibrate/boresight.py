@@ -27,7 +27,7 @@ Vector = NDArray[np.float64]
 POINTS_APART_PX = 6
 LEAST_SIGMA_PX = 0.3
 HOLDS_SIGMAS = 3.0
-HOLDS_DEG = Attitude(0.15, 0.03, 0.08)
+HARMLESS_DEG = (0.15, 0.03, 0.08)
 """Differences that matter to nobody, whatever their sigmas say."""
 
 
@@ -45,12 +45,17 @@ def calibrate_boresight(session: Session, place: KnownPlace, sigmas: PlaceSigmas
     """Guide, measure, fit and write. ``CalibrationError`` with the reason where the result is not to be trusted."""
     session.guide.ready("Park exactly at the known place, with a clear view of the ridges all round.")
     fit, profile, device = measure_boresight(session.config, place, sigmas, directions, session.guide.say)
-    found = fit.boresight
+    found, compass = fit.boresight, session.config.compass
+    # What was corrected already stays corrected.
+    heading_offset_deg = (
+        wrapped_deg(compass.heading_offset_deg + fit.heading_offset_deg) if compass is not None else None
+    )
     document = BoresightCalibration(
         **session.header("boresight", device),
         azimuth_deg=found.azimuth_deg,
         tilt_deg=found.tilt_deg,
         roll_deg=found.roll_deg,
+        heading_offset_deg=heading_offset_deg,
         covariance_deg2=_matrix(fit.covariance_deg2),
         fit={
             "lat_deg": place.lat_deg,
@@ -58,22 +63,16 @@ def calibrate_boresight(session: Session, place: KnownPlace, sigmas: PlaceSigmas
             "points": len(fit.residual_deg),
             "misfit_deg": fit.misfit_deg,
             "misfit_sigmas": fit.misfit_sigmas,
-            "heading_bias_deg": fit.heading_bias_deg,
-            "azimuth_sum_sigma_deg": fit.azimuth_sum_sigma_deg,
             "off_m": list(fit.off_m),
         },
     )
     sigma = np.sqrt(np.diag(fit.covariance_deg2))
     east_m, north_m, up_m = fit.off_m
     rows = [
-        ("camera in the head: azimuth, deg", f"{found.azimuth_deg:.3f}", f"{sigma[0]:.3f}"),
+        ("camera in the head: azimuth, deg", f"{found.azimuth_deg:.3f}", f"{sigma[0]:.3f} with the heading"),
         ("tilt, deg", f"{found.tilt_deg:.3f}", f"{sigma[1]:.3f}"),
         ("roll, deg", f"{found.roll_deg:.3f}", f"{sigma[2]:.3f}"),
-        (
-            "azimuth with the heading's error, deg",
-            f"{fit.azimuth_sum_deg:.3f}",
-            f"{fit.azimuth_sum_sigma_deg:.3f}",
-        ),
+        ("heading: correction, deg", f"{fit.heading_offset_deg:.3f}", ""),
         ("place, m (east, north, up)", f"{east_m:.1f}, {north_m:.1f}, {up_m:.1f}", "from what was given"),
         ("misfit, deg", f"{fit.misfit_deg:.3f}", f"{len(fit.residual_deg)} points"),
     ]
@@ -142,35 +141,26 @@ def skyline_frame(config: RigConfig, direction: Direction, standing: Standing, v
 
 
 def offsets(config: RigConfig, fit: BoresightFit, heading_sigma_deg: float) -> list[Offset]:
-    """What the skyline says against the calibration in force."""
+    """What the skyline says against the calibration in force. The azimuth is allowed what the compass is trusted."""
     camera = config.camera
-    sum_sigma_deg = float(
-        np.hypot(fit.azimuth_sum_sigma_deg, np.hypot(heading_sigma_deg, camera.boresight_azimuth_sigma_deg))
+    azimuth_deg = fit.boresight.azimuth_deg + fit.heading_offset_deg - camera.boresight_azimuth_deg
+    off_deg = (
+        wrapped_deg(azimuth_deg),
+        fit.boresight.tilt_deg - camera.boresight_tilt_deg,
+        wrapped_deg(fit.boresight.roll_deg - camera.boresight_roll_deg),
     )
-    measured = [
-        (
-            "azimuth",
-            wrapped_deg(fit.azimuth_sum_deg - camera.boresight_azimuth_deg),
-            sum_sigma_deg,
-            HOLDS_DEG.azimuth_deg,
-        ),
-        (
-            "tilt",
-            fit.boresight.tilt_deg - camera.boresight_tilt_deg,
-            float(np.sqrt(fit.covariance_deg2[1, 1] + camera.boresight_tilt_sigma_deg**2)),
-            HOLDS_DEG.tilt_deg,
-        ),
-        (
-            "roll",
-            wrapped_deg(fit.boresight.roll_deg - camera.boresight_roll_deg),
-            float(np.sqrt(fit.covariance_deg2[2, 2] + camera.boresight_roll_sigma_deg**2)),
-            HOLDS_DEG.roll_deg,
-        ),
-    ]
-    return [
-        Offset(name, off, sigma, abs(off) <= max(HOLDS_SIGMAS * sigma, harmless))
-        for name, off, sigma, harmless in measured
-    ]
+    trusted_deg = (
+        float(np.hypot(heading_sigma_deg, camera.boresight_azimuth_sigma_deg)),
+        camera.boresight_tilt_sigma_deg,
+        camera.boresight_roll_sigma_deg,
+    )
+    found = []
+    for i, (name, off, trusted) in enumerate(
+        zip(("azimuth", "tilt", "roll"), off_deg, trusted_deg, strict=True)
+    ):
+        sigma_deg = float(np.hypot(np.sqrt(fit.covariance_deg2[i, i]), trusted))
+        found.append(Offset(name, off, sigma_deg, abs(off) <= max(HOLDS_SIGMAS * sigma_deg, HARMLESS_DEG[i])))
+    return found
 
 
 def draw(fit: BoresightFit, profile: HorizonProfile) -> Figure:

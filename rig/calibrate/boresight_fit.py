@@ -59,17 +59,15 @@ class PlaceSigmas:
 
 @dataclass(frozen=True)
 class BoresightFit:
-    """The camera in the head with its covariance (3, 3: azimuth, tilt, roll), and the heading's error.
+    """The camera in the head, and by how much headings have to be corrected.
 
-    ``azimuth_sum_*`` is boresight and heading together. ``off_m`` is east, north, up of the place given. Per point: its frame's
-    number, azimuth, elevation as seen, what is left after the fit, degrees.
+    ``covariance_deg2`` (3, 3) is of the sum of these two azimuths, of tilt and of roll. ``off_m`` is east, north, up of the
+    place given. Per point: its frame's number, azimuth and elevation as seen, and what is left after the fit, degrees.
     """
 
     boresight: Attitude
+    heading_offset_deg: float
     covariance_deg2: Vector
-    heading_bias_deg: float
-    azimuth_sum_deg: float
-    azimuth_sum_sigma_deg: float
     off_m: tuple[float, float, float]
     misfit_deg: float
     misfit_sigmas: float
@@ -133,15 +131,14 @@ def fit_boresight(
     solved = solve(lambda unknowns: weighted(unknowns, doubt), solved.unknowns, loss="soft_l1")
     azimuth, elevation, residual, _ = left(solved.unknowns)
     misfit_deg = MAD_TO_SIGMA * float(np.median(np.abs(residual)))
-    covariance = solved.covariance
-    sum_sigma_deg = float(np.sqrt(covariance[0, 0] + covariance[3, 3] + 2.0 * covariance[0, 3]))
+    together = np.zeros((3, len(first)))
+    together[[0, 1, 2], [0, 1, 2]] = 1.0
+    together[0, 3] = 1.0
     east_m, north_m, up_m = (float(x) for x in solved.unknowns[4:7])
     fit = BoresightFit(
         Attitude(*(wrapped_deg(float(x)) for x in solved.unknowns[:3])),
-        covariance[:3, :3],
-        float(solved.unknowns[3]),
-        float(solved.unknowns[0] + solved.unknowns[3]),
-        sum_sigma_deg,
+        wrapped_deg(float(solved.unknowns[3])),
+        together @ solved.covariance @ together.T,
         (east_m, north_m, up_m),
         misfit_deg,
         misfit_sigmas,
