@@ -17,7 +17,7 @@ from scipy.linalg import block_diag
 
 from sim.contour import skyline_contour, undistorted
 from sim.evaluate.disturb import Disturbed
-from sim.evaluate.scenario import EvaluationScenario
+from sim.evaluate.scenario import DemError, EvaluationScenario
 from sim.evaluate.truth import NO_COMPASS_SIGMA_DEG, TrueFrame, Truth
 from sim.mechanics import camera_in_world
 from sim.scenario import CameraOptics
@@ -60,21 +60,26 @@ def cramer_rao_bound(
         use = np.nonzero(np.isfinite(rows) & genuine)[0][COLUMNS_EACH // 2 :: COLUMNS_EACH]
         parts.append(columns_px[use])
     jacobian = contour_jacobian(truth, scenario.camera, parts)
-    ok = np.isfinite(jacobian).all(axis=1)
-    noise = _noise(truth, scenario, parts)[np.ix_(ok, ok)]
+    crests = _crests(truth, scenario.camera, parts)
+    ok = np.isfinite(jacobian).all(axis=1) & np.isfinite(crests).all(axis=1)
     size = jacobian.shape[1]
-    altimeter = np.zeros((1, size))
-    altimeter[0, [EAST, NORTH]], altimeter[0, HEIGHT] = _ground_slope(truth.surface, truth.observer), 1.0
+    altimeter, standing = np.zeros(size), np.zeros(size)
+    altimeter[[EAST, NORTH]], altimeter[HEIGHT] = _ground_slope(truth.surface, truth.observer), 1.0
+    standing[HEIGHT] = 1.0  # the observation that the mast's foot is on the ground of the DEM
     altitude_sigma_m = scenario.errors.altitude_sigma_m if scenario.errors.altimeter else UNKNOWN_M
-    everything = np.vstack([jacobian[ok], altimeter])
-    covariance = block_diag(noise, np.array([[altitude_sigma_m**2]]))
-    free = _prior_information(scenario, size)
-    standing = free.copy()
-    rms = scenario.dem_error.rms_m if scenario.dem_error else 0.0
-    standing[HEIGHT] = 1.0 / (rms**2 + GROUND_SIGMA_M**2)
+    noise = block_diag(
+        _contour_noise(scenario, parts)[np.ix_(ok, ok)], np.diag([altitude_sigma_m, GROUND_SIGMA_M]) ** 2
+    )
+    if scenario.dem_error is not None:
+        # A crest raised by a metre looks like the camera lowered by one.
+        per_m = np.concatenate([jacobian[ok, HEIGHT], [0.0, 1.0]])
+        places = np.vstack([crests[ok], np.zeros((2, 2))])
+        noise += dem_error_covariance(scenario.dem_error, places) * np.outer(per_m, per_m)
+    seen = np.vstack([jacobian[ok], altimeter, standing])
+    prior = _prior_information(scenario, size)
     return Bound(
-        covariance_m2=position_covariance(everything, covariance, standing),
-        free_altitude_m2=position_covariance(everything, covariance, free),
+        covariance_m2=position_covariance(seen, noise, prior),
+        free_altitude_m2=position_covariance(seen[:-1], noise[:-1, :-1], prior),
     )
 
 
@@ -167,28 +172,28 @@ def _prior_information(scenario: EvaluationScenario, size: int) -> Array:
     return np.asarray(sigma**-2.0)
 
 
-def _noise(truth: Truth, scenario: EvaluationScenario, columns_px: list[Array]) -> Array:
+def _contour_noise(scenario: EvaluationScenario, columns_px: list[Array]) -> Array:
     """Covariance (n, n), px^2, of the chosen columns, each of which stands for COLUMNS_EACH."""
     errors = scenario.errors
     columns = np.concatenate(columns_px)
     frame_of = np.repeat(np.arange(len(columns_px)), [len(c) for c in columns_px])
-    white = max(errors.contour_sigma_px, LEAST_SIGMA_PX) ** 2 / COLUMNS_EACH
-    noise = white * np.eye(len(columns))
+    noise = max(errors.contour_sigma_px, LEAST_SIGMA_PX) ** 2 / COLUMNS_EACH * np.eye(len(columns))
     if errors.contour_correlated_sigma_px > 0.0:
         apart = (columns[:, None] - columns[None, :]) / errors.contour_correlation_px
         same = frame_of[:, None] == frame_of[None, :]
         noise += errors.contour_correlated_sigma_px**2 * np.exp(-(apart**2)) * same
-    if scenario.dem_error is not None:
-        east, north, per_m = _crests(truth, scenario.camera, columns_px)
-        far2 = (east[:, None] - east[None, :]) ** 2 + (north[:, None] - north[None, :]) ** 2
-        alike = np.exp(-far2 / scenario.dem_error.correlation_m**2)
-        noise += scenario.dem_error.rms_m**2 * alike * np.outer(per_m, per_m)
     return noise
 
 
-def _crests(truth: Truth, optics: CameraOptics, columns_px: list[Array]) -> tuple[Array, Array, Array]:
-    """Where the skyline's terrain stands, east and north of the camera in metres, and pixels per metre of its height."""
-    easts, norths, rates = [], [], []
+def dem_error_covariance(error: DemError, places_m: Array) -> Array:
+    """Covariance (n, n), m^2, of a DEM's errors at places (n, 2), east and north in metres."""
+    apart2 = np.square(places_m[:, None] - places_m[None, :]).sum(axis=2)
+    return np.asarray(error.rms_m**2 * np.exp(-apart2 / error.correlation_m**2))
+
+
+def _crests(truth: Truth, optics: CameraOptics, columns_px: list[Array]) -> Array:
+    """Where the skyline's terrain stands (n, 2), east and north of the camera in metres."""
+    places = []
     intrinsics = np.array([optics.fx_px, optics.fy_px, optics.cx_px, optics.cy_px, *optics.distortion])
     for frame, columns in zip(truth.frames, columns_px, strict=True):
         rows = skyline_contour(truth.surface, truth.observer, optics, frame.rotation, columns)
@@ -196,7 +201,5 @@ def _crests(truth: Truth, optics: CameraOptics, columns_px: list[Array]) -> tupl
         east, north, _ = frame.rotation @ rays.reshape(-1, 3).T
         azimuth = np.arctan2(east, north)
         _, distance_m = truth.surface.horizon(truth.observer, np.degrees(azimuth))
-        easts.append(distance_m * np.sin(azimuth))
-        norths.append(distance_m * np.cos(azimuth))
-        rates.append(optics.fy_px / distance_m)
-    return np.concatenate(easts), np.concatenate(norths), np.concatenate(rates)
+        places.append(np.column_stack([np.sin(azimuth), np.cos(azimuth)]) * distance_m[:, None])
+    return np.vstack(places)
