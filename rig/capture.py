@@ -161,7 +161,7 @@ def look(
             if not views:
                 raise
             break
-        view = _view(rig, joints, standing, head, seen)
+        view = take_view(rig, joints, standing, head, seen)
         seen.append(seen_at(joints, view.image_bgr))
         views.append(view)
         if view.tilt_correction_deg == 0.0:
@@ -203,7 +203,8 @@ def in_passing(
     return sweep if abs(pan_deg - first) <= abs(pan_deg - last) else sweep[::-1]
 
 
-def _view(rig: Rig, joints: JointAngles, standing: Standing, head: Head, seen: Sequence[Seen]) -> View:
+def take_view(rig: Rig, joints: JointAngles, standing: Standing, head: Head, seen: Sequence[Seen]) -> View:
+    """Move to joint angles, and read all that tells where the camera looks while it takes its pictures."""
     camera = rig.config.camera
     before = rig.pan_tilt.go_to(joints.pan_deg, joints.tilt_deg)
     levelling = rig.readers.submit(still_level, rig, rig.config.inclinometer.average_s)

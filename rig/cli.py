@@ -2,13 +2,22 @@
 
 import json
 import logging
+from dataclasses import asdict
 from pathlib import Path
 from typing import NoReturn
 
 import click
 
 from localizer import command_line
-from rig.calibrate.commands import calibrate
+from rig.bundle_commands import bundle
+from rig.calibrate.commands import (
+    at_option,
+    calibrate,
+    dem_option,
+    dem_sigma_option,
+    known_place_of,
+    place_sigma_option,
+)
 from rig.cli_options import config_option
 from rig.config import config_path, load_config
 from rig.directions import Direction, parse_directions
@@ -102,27 +111,59 @@ def capture(
 
 
 rig.add_command(calibrate)
+rig.add_command(bundle)
 
 
 @rig.command()
 @config_option
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of the table.")
-def check(config_file: Path | None, as_json: bool) -> int:
+@at_option
+@dem_option
+@place_sigma_option
+@dem_sigma_option
+def check(
+    config_file: Path | None,
+    as_json: bool,
+    at: str | None,
+    dem_paths: tuple[Path, ...],
+    place_sigma_m: float,
+    dem_sigma_m: float,
+) -> int:
     """Connect to every device and say how it is; nothing moves. Ends with status 1 if any device fails.
 
-    Example: rig check --config vehicle.toml
+    At a known place (--at, --dem) the head turns, and the DEM's skyline says whether the calibration still holds; status 1
+    where it does not.
+
+    \b
+    Examples:
+      rig check --config vehicle.toml
+      rig check --at 37.2012,-122.1034 --dem terrain.tif
     """
     config = load_config(config_path(config_file))
+    place = known_place_of(at, dem_paths) if at is not None else None
 
     from rig import check as checks
 
     with stopping_cleanly():
         results = checks.check_devices(config)
+        offsets = []
+        if place is not None and all(result.ok for result in results):
+            from rig.calibrate.boresight import check_boresight
+            from rig.calibrate.boresight_fit import PlaceSigmas
+
+            sigmas = PlaceSigmas(place_sigma_m, dem_sigma_m, dem_sigma_m)
+            offsets = check_boresight(config, place, sigmas)
     if as_json:
-        click.echo(json.dumps(checks.as_json(results), indent=2))
+        found = checks.as_json(results)
+        if place is not None:
+            found["calibration"] = [asdict(offset) for offset in offsets]
+        click.echo(json.dumps(found, indent=2))
     else:
         checks.print_table(results, checks.table_console())
-    return 0 if all(result.ok for result in results) else 1
+        for offset in offsets:
+            verdict = "holds" if offset.holds else "NO LONGER HOLDS: rig calibrate boresight"
+            click.echo(f"{offset.name}: {offset.off_deg:+.3f} +- {offset.sigma_deg:.3f} deg off, {verdict}")
+    return 0 if all(result.ok for result in results) and all(offset.holds for offset in offsets) else 1
 
 
 def _directions(names: str | None) -> list[Direction]:

@@ -9,13 +9,14 @@ from numpy.typing import NDArray
 
 from localizer.camera import pixel_rays
 from localizer.horizon.from_image import CONFIDENT, ColumnState, find_skyline
+from localizer.observation import NO_COMPASS_SIGMA_DEG
 from rig.calibrate.boresight_fit import BoresightFit, PlaceSigmas, SkylineFrame, fit_boresight
 from rig.calibrate.figures import new_figure
 from rig.calibrate.horizon_profile import STEP_DEG, HorizonProfile, horizon_profile
 from rig.calibrate.place import KnownPlace
 from rig.calibrate.session import Session
 from rig.calibration import BoresightCalibration, Matrix
-from rig.capture import View, in_passing, look
+from rig.capture import View, in_passing, look, take_view
 from rig.config import RigConfig
 from rig.connect import Rig, connect
 from rig.directions import Direction, parse_direction
@@ -25,8 +26,10 @@ from rig.standing import Standing, measure_standing
 Vector = NDArray[np.float64]
 
 POINTS_APART_PX = 6
+LEAN_SHARE = 0.55  # of half the picture's height
 LEAST_SIGMA_PX = 0.3
 HOLDS_SIGMAS = 3.0
+CHECK_DIRECTIONS = 8
 HARMLESS_DEG = (0.15, 0.03, 0.08)
 """Differences that matter to nobody, whatever their sigmas say."""
 
@@ -106,17 +109,34 @@ def measure_boresight(
 def look_round(
     rig: Rig, standing: Standing, directions: Sequence[Direction], say: Callable[[str], None]
 ) -> list[SkylineFrame]:
-    """A frame in each direction, with its skyline."""
-    head = Head.from_config(rig.config)
+    """In each direction a frame with the skyline in the middle, and one with it further up or down.
+
+    A camera that looks aside in the head turns its picture when the head tilts, an error of the heading does not: frames at
+    different tilts tell one from the other.
+    """
+    config = rig.config
+    head = Head.from_config(config)
+    half_height_deg = np.degrees(np.arctan(config.camera.height_px / 2.0 / config.camera.fy_px))
+    lean_deg = LEAN_SHARE * float(half_height_deg)
+    low_deg, high_deg = head.tilt_range_deg
     frames = []
-    for direction in in_passing(directions, standing.attitude, head, rig.pan_tilt.state().pan_deg):
+    for number, direction in enumerate(
+        in_passing(directions, standing.attitude, head, rig.pan_tilt.state().pan_deg)
+    ):
         view = look(rig, direction, standing, head)
-        frames.append(skyline_frame(rig.config, direction, standing, view))
+        frames.append(skyline_frame(config, direction.label, standing, view))
+        here = view.state
+        wanted_deg = here.tilt_deg + (lean_deg if number % 2 else -lean_deg)
+        if not low_deg <= wanted_deg <= high_deg:
+            wanted_deg = 2.0 * here.tilt_deg - wanted_deg
+        if low_deg <= wanted_deg <= high_deg:
+            other = take_view(rig, JointAngles(here.pan_deg, wanted_deg), standing, head, [])
+            frames.append(skyline_frame(config, f"{direction.label} tilted", standing, other))
         say(f"{direction.label}: skyline in {view.skyline_share:.0%} of the columns")
     return frames
 
 
-def skyline_frame(config: RigConfig, direction: Direction, standing: Standing, view: View) -> SkylineFrame:
+def skyline_frame(config: RigConfig, label: str, standing: Standing, view: View) -> SkylineFrame:
     """A view as the fit takes it."""
     before, after = view.before, view.state
     joints = JointAngles((before.pan_deg + after.pan_deg) / 2, (before.tilt_deg + after.tilt_deg) / 2)
@@ -128,7 +148,7 @@ def skyline_frame(config: RigConfig, direction: Direction, standing: Standing, v
     columns = columns[sure[columns]]
     sigma_px = np.maximum(skyline.sigma_px[columns], LEAST_SIGMA_PX)
     return SkylineFrame(
-        direction.label,
+        label,
         Attitude(
             azimuth_deg, view.level.tilt_deg - level.tilt_zero_deg, view.level.roll_deg - level.roll_zero_deg
         ),
@@ -137,6 +157,14 @@ def skyline_frame(config: RigConfig, direction: Direction, standing: Standing, v
         view.skyline_share,
         config.pan_tilt.azimuth_sigma_deg,
         config.inclinometer.tilt_sigma_deg,
+    )
+
+
+def check_boresight(config: RigConfig, place: KnownPlace, sigmas: PlaceSigmas) -> list[Offset]:
+    """Look all round at a known place and compare. ``CalibrationError`` where the skyline cannot tell."""
+    fit, _, _ = measure_boresight(config, place, sigmas, CHECK_DIRECTIONS, lambda line: None)
+    return offsets(
+        config, fit, config.compass.azimuth_bias_sigma_deg if config.compass else NO_COMPASS_SIGMA_DEG
     )
 
 

@@ -1,0 +1,57 @@
+"""``rig bundle``: what can be done with bundles afterwards."""
+
+from pathlib import Path
+
+import click
+
+from rig.cli_options import config_option
+
+
+@click.group()
+def bundle() -> None:
+    """What can be done with bundles afterwards.
+
+    Example: rig bundle recalibrate bundles/20261124T060000Z-3f9a
+    """
+
+
+@bundle.command()
+@click.argument("directory", metavar="DIR", type=click.Path(path_type=Path))
+@config_option
+@click.option(
+    "--calibration",
+    "files",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    multiple=True,
+    help="A file of rig calibrate; by default all that the configuration names. Repeat it for several.",
+)
+@click.option(
+    "--out",
+    "out_dir",
+    metavar="DIR",
+    type=click.Path(path_type=Path),
+    help="Where the new bundle goes; by default beside the old one.",
+)
+def recalibrate(
+    directory: Path, config_file: Path | None, files: tuple[Path, ...], out_dir: Path | None
+) -> None:
+    """Write a bundle anew from the raw readings of an old one, with better calibrations; the old one stays.
+
+    \b
+    Examples:
+      rig bundle recalibrate bundles/20261124T060000Z-3f9a
+      rig bundle recalibrate bundles/20261124T060000Z-3f9a --calibration calibration/boresight-20261124T090000Z-77c1.json
+    """
+    from rig.calibrate.recalibrate import recalibrate as derive_anew
+    from rig.calibration import read_calibration
+    from rig.config import config_path, load_config
+
+    if files:
+        calibrations = [read_calibration(file) for file in files]
+    else:
+        path = config_path(config_file)
+        calibrations = list(load_config(path).calibrations)
+        if not calibrations:
+            raise click.UsageError(f"{path} names no calibration; give --calibration FILE.")
+    click.echo(derive_anew(directory, calibrations, out_dir or directory.resolve().parent))

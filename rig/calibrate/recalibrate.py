@@ -1,0 +1,175 @@
+"""Derive an old bundle anew from its raw readings, with better calibrations. The old one stays as it is."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from localizer.bundle import Altitude, Bundle, Frame, frame_image, load_bundle
+from rig import derive
+from rig.accelerometer import AccelerometerCorrection
+from rig.attitude import HeadLevel, tilt_roll_deg
+from rig.bundle_writer import FrameRecord, Measurement, require_writable, write_bundle
+from rig.calibration import AppliedCalibration, CalibrationError, parse_calibration
+from rig.config import InclinometerSection, RigConfig, Servo, with_calibrations
+from rig.kinematics import Head, JointAngles
+from rig.measure import MeanPressure, altitude_from
+from rig.readings import HeadingReading
+from rig.standing import MeanField, Standing, Stop, standing_from
+
+TICK_DEG = 360.0 / 4096.0
+Record = dict[str, Any]
+
+
+def recalibrate(directory: Path, calibrations: Sequence[AppliedCalibration], out_dir: Path) -> Path:
+    """Write a new bundle into ``out_dir``, complete or not at all, and return its directory.
+
+    What ``calibrations`` do not replace stays as the bundle says that it was. ``BundleError`` where the bundle cannot be read,
+    ``CalibrationError`` where it keeps no raw readings or a calibration is not for its rig.
+    """
+    require_writable(out_dir)
+    bundle = load_bundle(directory)
+    try:
+        measurement = _measurement(bundle, with_calibrations(recorded_config(bundle), calibrations))
+    except (KeyError, TypeError, IndexError) as error:
+        raise CalibrationError(
+            f"{directory}: its raw readings are not all there ({error}); only bundles of rig capture can be recalibrated"
+        ) from error
+    return write_bundle(out_dir, measurement)
+
+
+def recorded_config(bundle: Bundle) -> RigConfig:
+    """The configuration that a bundle was taken with, calibrations included. ``CalibrationError`` where it has none."""
+    calibration = (bundle.model_extra or {}).get("calibration")
+    if not isinstance(calibration, dict) or "configuration" not in calibration:
+        raise CalibrationError(
+            f"{bundle.directory}: says nothing of its configuration; only bundles of rig capture can be recalibrated"
+        )
+    tables = dict(calibration["configuration"])
+    pan = tables["pan_tilt"]["pan"]
+    # Where it was turned to is in the readings; the configuration only has to be valid.
+    angles_deg = [pan["min_deg"], (pan["min_deg"] + pan["max_deg"]) / 2.0, pan["max_deg"]]
+    tables["capture"] = {"base_attitude_pan_angles_deg": angles_deg}
+    tables["camera"] = {**tables["camera"], "source": "recorded"}
+    try:
+        config = RigConfig.model_validate(tables)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise CalibrationError(
+            f"{bundle.directory}: calibration.configuration.{where}: {first['msg']}"
+        ) from error
+    return with_calibrations(config, recorded_calibrations(calibration.get("files", {})))
+
+
+def recorded_calibrations(files: Record) -> list[AppliedCalibration]:
+    """The calibrations that a bundle was taken with."""
+    return [
+        AppliedCalibration(
+            parse_calibration(json.dumps(record["content"]), record["file"]), record["file"], record["sha256"]
+        )
+        for record in files.values()
+    ]
+
+
+def _measurement(bundle: Bundle, config: RigConfig) -> Measurement:
+    extra = bundle.model_extra or {}
+    raw: Record = extra["raw"]
+    standing = standing_from(config, [_stop(record, config) for record in raw["stops"]], raw["compass"])
+    altitude = None
+    if raw["altimeter"] is not None and config.altimeter is not None:
+        read = altitude_from(_pressure(raw["altimeter"]), config.altimeter)
+        altitude = Altitude(value_m=read.altitude_m, sigma_m=read.sigma_m)
+    return Measurement(
+        created=bundle.created,
+        camera=derive.bundle_camera(config),
+        mast_height_m=bundle.mast_height_m,
+        altitude=altitude,
+        azimuth_bias_sigma_deg=derive.azimuth_bias_sigma_deg(config, standing),
+        tilt_bias_sigma_deg=derive.tilt_bias_sigma_deg(config, standing),
+        frames=[_frame(bundle, frame, config, standing) for frame in bundle.frames],
+        raw={**raw, "recalibrated_from": bundle.id},
+        calibration=derive.calibration_record(config, standing),
+    )
+
+
+def _frame(bundle: Bundle, frame: Frame, config: RigConfig, standing: Standing) -> FrameRecord:
+    raw: Record = (frame.model_extra or {})["raw"]
+    after = _joints(raw["ticks"], config)
+    before = _joints(raw["ticks_before"] if "ticks_before" in raw else raw["ticks"], config)
+    joints = JointAngles((before.pan_deg + after.pan_deg) / 2.0, (before.tilt_deg + after.tilt_deg) / 2.0)
+    level = _level(raw["inclinometer"], config.inclinometer)
+    pointing = derive.pointing(standing, joints, level, Head.from_config(config))
+    return FrameRecord(
+        label=frame.label,
+        image_bgr=frame_image(bundle, frame),
+        time=frame.time,
+        azimuth_deg=pointing.azimuth_deg,
+        azimuth_sigma_deg=config.pan_tilt.azimuth_sigma_deg,
+        tilt_deg=pointing.tilt_deg,
+        tilt_sigma_deg=derive.tilt_sigma_deg(config, level),
+        roll_deg=pointing.roll_deg,
+        roll_sigma_deg=derive.roll_sigma_deg(config, standing, level),
+        raw=raw,
+    )
+
+
+def _stop(record: Record, config: RigConfig) -> Stop:
+    time = datetime.fromisoformat(record["time"])
+    field = None
+    if "field_ut" in record:
+        field = MeanField(
+            _triple(record["field_ut"]),
+            _triple(record["field_scatter_ut"]),
+            record["field_readings"],
+            record["compass_temperature_c"],
+        )
+    headings = tuple(
+        HeadingReading(h["heading_deg"], h["reference"], h["variation_deg"], None, None, 0.0, time)
+        for h in record.get("headings", [])
+    )
+    level = _level(record["inclinometer"], config.inclinometer)
+    pan, tilt = record["ticks"]
+    return Stop((pan, tilt), _joints(record["ticks"], config), level, field, headings, time)
+
+
+def _level(record: Record, section: InclinometerSection) -> HeadLevel:
+    """The head's level from the average that the chip gave, without its errors as they are known now."""
+    level = HeadLevel(**{**record, "mean_g": _triple(record["mean_g"])})
+    measured = np.array([level.mean_g])
+    if section.chip == "iis2iclx":  # its z was what is left of 1 g
+        measured[0, 2] = np.nan
+    warm_c = np.nan if level.temperature_c is None else level.temperature_c
+    up = AccelerometerCorrection.from_section(section).up_in_head(measured, warm_c)
+    tilt_deg, roll_deg = tilt_roll_deg(up)
+    return replace(level, tilt_deg=float(tilt_deg[0]), roll_deg=float(roll_deg[0]))
+
+
+def _pressure(record: Record) -> MeanPressure:
+    return MeanPressure(
+        record["device"],
+        datetime.fromisoformat(record["time"]),
+        record["pressure_hpa"],
+        record["pressure_scatter_hpa"],
+        record["temperature_c"],
+        record["readings"],
+    )
+
+
+def _joints(ticks: Sequence[int], config: RigConfig) -> JointAngles:
+    pan, tilt = config.pan_tilt.pan, config.pan_tilt.tilt
+    return JointAngles(_angle_deg(ticks[0], pan), _angle_deg(ticks[1], tilt))
+
+
+def _angle_deg(tick: int, servo: Servo) -> float:
+    return (tick - servo.zero_tick) * TICK_DEG * servo.direction
+
+
+def _triple(values: Sequence[float]) -> tuple[float, float, float]:
+    x, y, z = values
+    return x, y, z
