@@ -21,6 +21,7 @@ from rig.calibrate.commands import (
 from rig.cli_options import config_option
 from rig.config import config_path, load_config
 from rig.directions import Direction, parse_directions
+from rig.record_command import record
 from rig.signals import stopping_cleanly
 
 
@@ -112,6 +113,7 @@ def capture(
 
 rig.add_command(calibrate)
 rig.add_command(bundle)
+rig.add_command(record)
 
 
 @rig.command()

@@ -14,10 +14,10 @@ from localizer.horizon.from_image import CONFIDENT, ColumnState, Skyline
 
 Image = NDArray[np.uint8]
 Thumbnail = NDArray[np.float32]
-"""(30, 40) mean levels of patches: noise is averaged away, a turn by a few degrees is not."""
+"""(15, 20) mean levels of patches: noise is averaged away, a turn by a few degrees is not."""
 
 BLACK, WHITE = 3.0, 252.0  # mean level
-THUMBNAIL_SIZE = 40, 30
+THUMBNAIL_SIZE = 20, 15
 PLAIN_LEVELS = 4.0  # scatter of a picture in which there is nothing to see
 SAME_LEVELS = 3.0  # no patch of two pictures of the same view differs by more
 CHANGING_LEVELS = (

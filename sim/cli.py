@@ -14,6 +14,7 @@ from sim.command import find_command, run_command
 from sim.errors import SimulationError
 from sim.evaluate.command import evaluate
 from sim.failures import one_line_failures
+from sim.replay_command import replay
 from sim.rigs_command import rigs
 
 if TYPE_CHECKING:
@@ -241,3 +242,4 @@ def paper(dem_paths: tuple[Path, ...], seed: int, as_json: bool) -> None:
 
 sim.add_command(evaluate)
 sim.add_command(rigs)
+sim.add_command(replay)

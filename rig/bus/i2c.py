@@ -14,6 +14,7 @@ from typing import Protocol
 
 import smbus2
 
+from rig.bus import tap
 from rig.errors import ConfigError, DeviceError
 
 _BRIDGE_TIMEOUT_S = 2.0
@@ -158,7 +159,13 @@ class SharedI2c:
         if self._shared is None:
             raise OSError(errno.EBADF, "the bus is closed")
         with self._shared.lock:
-            return self._shared.bus.transfer(address, write, read_length)
+            try:
+                data = self._shared.bus.transfer(address, write, read_length)
+            except OSError as error:
+                tap.i2c_transfer(self._url, address, write, read_length, error.errno or errno.EIO)
+                raise
+            tap.i2c_transfer(self._url, address, write, read_length, data)
+            return data
 
     def close(self) -> None:
         shared, self._shared = self._shared, None

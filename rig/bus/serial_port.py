@@ -15,6 +15,7 @@ from collections.abc import Iterator
 
 import serial
 
+from rig.bus import tap
 from rig.bus.deadline import Deadline
 from rig.errors import DeviceError, LostPortError
 
@@ -70,11 +71,15 @@ class SerialPort:
         """What has arrived, waiting until the deadline for a first byte; empty if none came."""
         with self._working() as port:
             readable, _, _ = select.select([port.fileno()], [], [], deadline.remaining_s)
-            return port.read(_READ_BYTES) if readable else b""
+            data: bytes = port.read(_READ_BYTES) if readable else b""
+        if data:
+            tap.serial_bytes(self.path, "received", data)
+        return data
 
     def write(self, data: bytes) -> None:
         """Send all of ``data``. A port that does not take it within a second counts as lost."""
         with self._working() as port:
+            tap.serial_bytes(self.path, "sent", data)
             port.write(data)
 
     def discard_input(self) -> None:

@@ -18,6 +18,7 @@ _CHIP_ID = 0x00
 _ERR_REG = 0x02
 _STATUS = 0x03
 _DATA = 0x04  # pressure, temperature: shadowed against change only within one burst
+_EVENT = 0x10
 _PWR_CTRL = 0x1B
 _OSR = 0x1C
 _CONFIG = 0x1F
@@ -25,6 +26,7 @@ _TRIM = 0x31
 _CMD = 0x7E
 
 _IDENTITIES = {"bmp390": 0x60, "bmp388": 0x50}
+_POWER_ON = 0x01
 _COMMAND_READY = 0x10
 _BOTH_READY = 0x60
 _SOFT_RESET = 0xB6
@@ -100,6 +102,7 @@ class Bmp3:
         self._trim = Trim.decode(trim)
         self._chip.write_register(_OSR, _PRESSURE_16_TEMPERATURE_2)
         self._chip.write_register(_CONFIG, _FILTER_OFF)
+        self._chip.read_register(_EVENT)  # reading clears what the reset above left there
 
     def identify(self) -> str:
         """Model, address and bus."""
@@ -111,6 +114,8 @@ class Bmp3:
         Raises ``TransientError`` where it does not end or cannot be true, ``DeviceError`` where the chip
         reports an error of its own.
         """
+        if self._chip.read_register(_EVENT)[0] & _POWER_ON:
+            raise self._chip.implausible("it has restarted and lost its configuration")
         self._chip.write_register(_PWR_CTRL, _FORCED)
         time.sleep(_CONVERSION_S)
         self._await(_BOTH_READY, "a conversion")

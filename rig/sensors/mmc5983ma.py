@@ -14,6 +14,7 @@ from rig.readings import FieldReading, Instant
 from rig.sensors.sampling import read_for, require_noise
 
 FROZEN_REPEATS = 8
+NO_FIELD_UT = 1.0
 DEFAULT_ADDRESS = 0x30
 
 _XOUT_0 = 0x00
@@ -90,6 +91,8 @@ class Mmc5983ma:
             raise self._chip.implausible(f"{temperature_c:.0f} °C")
         pairs = list(zip(after_set, after_reset, strict=True))
         x_ut, y_ut, z_ut = ((a - b) / 2 * _UT_PER_COUNT for a, b in pairs)
+        if max(abs(x_ut), abs(y_ut), abs(z_ut)) < NO_FIELD_UT:
+            raise self._chip.implausible("SET and RESET make no difference")
         zero_x, zero_y, zero_z = ((a + b) / 2 * _UT_PER_COUNT for a, b in pairs)
         return FieldReading(x_ut, y_ut, z_ut, (zero_x, zero_y, zero_z), temperature_c, at.monotonic_s, at.utc)
 

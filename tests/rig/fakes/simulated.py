@@ -1,7 +1,6 @@
 """Quick captures on the wire-level simulator: a small camera, short averages, a horizon that is drawn and not computed."""
 
 import contextlib
-import os
 import threading
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -122,7 +121,7 @@ def quick_rig(world: World, folder: Path, faults: Sequence[Fault] = ()) -> Itera
 
 def open_descriptors() -> int:
     """How many file descriptors this process has."""
-    return len(os.listdir("/proc/self/fd"))
+    return len(list(Path("/proc/self/fd").iterdir()))
 
 
 def threads() -> list[str]:

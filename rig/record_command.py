@@ -1,0 +1,36 @@
+"""The command ``rig record``."""
+
+import os
+from pathlib import Path
+
+import click
+
+from rig.cli_options import config_option
+from rig.config import ENVIRONMENT_VARIABLE, config_path, load_config
+
+
+@click.command(context_settings={"ignore_unknown_options": True, "allow_interspersed_args": False})
+@config_option
+@click.argument("log", metavar="LOG", type=click.Path(path_type=Path))
+@click.argument("command", metavar="COMMAND...", nargs=-1, required=True, type=click.UNPROCESSED)
+@click.pass_context
+def record(context: click.Context, config_file: Path | None, log: Path, command: tuple[str, ...]) -> int:
+    """Run another command of rig and log the raw bytes of every port and bus meanwhile.
+
+    LOG is a new file; sim replay plays it back. --config stands before it and holds for COMMAND too; pictures are not in
+    it. Ends with the status of COMMAND.
+
+    Example: rig record --config vehicle.toml field.log capture --out bundles
+    """
+    path = config_path(config_file)
+    config = load_config(path)
+
+    from rig.record import recording
+
+    os.environ[ENVIRONMENT_VARIABLE] = str(path)
+    program = context.find_root().command
+    with recording(log, config):
+        status = program.main(
+            args=list(command), prog_name=context.find_root().info_name, standalone_mode=False
+        )
+    return status if isinstance(status, int) else 0

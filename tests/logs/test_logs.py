@@ -1,0 +1,91 @@
+"""Logs of devices, played back at wire level: the drivers read today what they read when the log was stored.
+
+Each ``NAME.log`` of this folder is a test; ``NAME.json`` holds the readings. ``SKYFIX_UPDATE_LOGS=1`` writes the readings of
+a log that is new.
+"""
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.bus.retry import retry
+from rig.config import RigConfig, load_config
+from rig.connect import open_altimeter, open_compass, open_inclinometer, open_pan_tilt
+from rig.readings import FieldReading
+from sim.errors import SimulationError
+from sim.replay import load_log, replayed
+
+LOGS = sorted(Path(__file__).parent.glob("*.log"))
+FIRST = 2
+
+
+def readings(config: RigConfig) -> dict[str, Any]:
+    """The first readings of every device but the camera."""
+    found: dict[str, Any] = {}
+    with open_pan_tilt(config.pan_tilt) as head:
+        state = head.state()
+        found["pan_tilt"] = {
+            "ticks": list(state.ticks),
+            "volts": list(state.volts),
+            "alerts": list(state.alerts),
+        }
+    sensor = open_inclinometer(config.inclinometer)
+    found["inclinometer"] = [
+        [r.x_g, r.y_g, r.z_g, r.temperature_c] for r in retry(lambda: sensor.read_many(0.3))[:FIRST]
+    ]
+    sensor.close()
+    assert config.compass is not None
+    assert config.altimeter is not None
+    compass = open_compass(config.compass)
+    found["compass"] = [
+        [r.x_ut, r.y_ut, r.z_ut] if isinstance(r, FieldReading) else [r.heading_deg, r.reference]
+        for r in retry(lambda: compass.read_many(0.35))[:FIRST]
+    ]
+    compass.close()
+    altimeter = open_altimeter(config.altimeter)
+    found["altimeter"] = [
+        [r.pressure_hpa, r.temperature_c] for r in retry(lambda: altimeter.read_many(0.15))[:1]
+    ]
+    altimeter.close()
+    return found
+
+
+def rounded(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: rounded(each) for key, each in value.items()}
+    if isinstance(value, list):
+        return [rounded(each) for each in value]
+    return round(value, 6) if isinstance(value, float) else value
+
+
+@pytest.mark.parametrize("log", LOGS, ids=lambda log: log.stem)
+def test_a_log_gives_the_readings_that_are_stored_with_it(log: Path) -> None:
+    with replayed(log) as config_path:
+        found = rounded(readings(load_config(config_path)))
+    expected = log.with_suffix(".json")
+    if os.environ.get("SKYFIX_UPDATE_LOGS"):
+        expected.write_text(json.dumps(found, indent=1) + "\n")
+    assert expected.exists(), "no readings are stored with it: run with SKYFIX_UPDATE_LOGS=1 and look at them"
+    assert found == json.loads(expected.read_text())
+
+
+def test_there_are_logs() -> None:
+    assert len(LOGS) >= 5
+
+
+def test_a_last_line_that_a_crash_cut_off_is_left_out(tmp_path: Path) -> None:
+    text = LOGS[0].read_text()
+    (tmp_path / "cut.log").write_text(text[:-30])
+    assert len(load_log(tmp_path / "cut.log")[1]) == len(load_log(LOGS[0])[1]) - 1
+
+
+@pytest.mark.parametrize(
+    "text", ["", "{}\n", "[1]\n", "$GPGGA,1*00\n", '{"skyfix_log": 1, "config": {}}\nx\ny\n']
+)
+def test_what_is_no_log_is_named(tmp_path: Path, text: str) -> None:
+    (tmp_path / "x.log").write_text(text)
+    with pytest.raises(SimulationError, match=r"x\.log: is no log of rig record"):
+        load_log(tmp_path / "x.log")
