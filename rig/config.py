@@ -148,6 +148,7 @@ class PanTiltSection(_Section):
     bus_watchdog_ms: Annotated[int, Field(ge=0, le=127 * 20)] = 1000
     settle_timeout_s: Positive = 8.0
     azimuth_sigma_deg: Positive = 0.1
+    take_up_deg: Annotated[float, Field(ge=0.0, le=10.0)] = 0.0
     pan: Servo
     tilt: Servo
     keep_out: Annotated[tuple[KeepOut, ...], Field(strict=False)] = ()

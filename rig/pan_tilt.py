@@ -69,6 +69,8 @@ class PanTiltParameters(Protocol):
     @property
     def settle_timeout_s(self) -> float: ...
     @property
+    def take_up_deg(self) -> float: ...
+    @property
     def pan(self) -> AxisParameters: ...
     @property
     def tilt(self) -> AxisParameters: ...
@@ -200,9 +202,27 @@ class PanTilt:
         state = self.state()
         low, high = self._limits_deg()
         here = state.pan_deg, state.tilt_deg
-        for stop in route(here, (pan_deg, tilt_deg), self._parameters.keep_out, low, high):
+        stops = route(here, (pan_deg, tilt_deg), self._parameters.keep_out, low, high)
+        for stop in self._with_take_up(here, stops):
             state = retry(partial(self._leg, *stop), tries=3, within_s=3 * self._parameters.settle_timeout_s)
         return state
+
+    def _with_take_up(
+        self, here: tuple[float, float], stops: list[tuple[float, float]]
+    ) -> list[tuple[float, float]]:
+        """The stops, and before the last, where the pan comes to it from above, one a little below.
+
+        Every reading is then taken with the play in the gears on the same side, and what all have in common does no harm.
+        """
+        pan_deg, tilt_deg = stops[-1]
+        from_deg = stops[-2][0] if len(stops) > 1 else here[0]
+        below = pan_deg - self._parameters.take_up_deg, tilt_deg
+        low, high = self._limits_deg()
+        straight = (
+            from_deg - _TICK_DEG > pan_deg > below[0] > low[0]
+            and len(route(below, stops[-1], self._parameters.keep_out, low, high)) == 1
+        )
+        return [*stops[:-1], below, stops[-1]] if straight else stops
 
     def _leg(self, pan_deg: float, tilt_deg: float) -> HeadState:
         self.move_to(pan_deg, tilt_deg)

@@ -30,6 +30,7 @@ from sim.scenario import Scenario
 from sim.world import World
 
 DRIVE_H = 0.25
+TAKE_UP_DEG = 1.5
 STEERING_SIGMA_DEG = 8.0
 LIMITS = {
     "tilt_deg": 0.02,
@@ -153,6 +154,11 @@ def _errors(
 def _running(world: World, calibration: dict[str, Path] | None) -> Iterator[tuple[SimulatedRig, _Sight]]:
     sight = _Sight(world)
     with simulated_rig(world, picture=sight.picture, calibration=calibration) as rig:
+        config = rig.config_path.read_text(encoding="utf-8")
+        # As a careful installer has it: the gears' play stays on one side.
+        rig.config_path.write_text(
+            config.replace("[pan_tilt]\n", f"[pan_tilt]\ntake_up_deg = {TAKE_UP_DEG}\n")
+        )
         yield rig, sight
 
 

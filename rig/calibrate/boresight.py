@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from localizer.camera import pixel_rays
-from localizer.horizon.from_image import CONFIDENT, ColumnState, find_skyline
+from localizer.horizon.from_image import CONFIDENT, ColumnState, Skyline, find_skyline
 from localizer.observation import NO_COMPASS_SIGMA_DEG
 from rig.calibrate.boresight_fit import BoresightFit, PlaceSigmas, SkylineFrame, fit_boresight
 from rig.calibrate.figures import new_figure
@@ -17,7 +17,7 @@ from rig.calibrate.place import KnownPlace
 from rig.calibrate.session import Session
 from rig.calibration import BoresightCalibration, Matrix
 from rig.capture import View, in_passing, look, take_view
-from rig.config import RigConfig
+from rig.config import CameraSection, RigConfig
 from rig.connect import Rig, connect
 from rig.directions import Direction, parse_direction
 from rig.kinematics import Attitude, Head, JointAngles, body_attitude, head_rotation, wrapped_deg
@@ -25,8 +25,9 @@ from rig.standing import Standing, measure_standing
 
 Vector = NDArray[np.float64]
 
-POINTS_APART_PX = 6
-LEAN_SHARE = 0.55  # of half the picture's height
+POINTS_APART_PX = 12
+LEAN_SHARE = 0.5  # of half the picture's height
+CENTRAL_SHARE = 0.05
 LEAST_SIGMA_PX = 0.3
 HOLDS_SIGMAS = 3.0
 CHECK_DIRECTIONS = 8
@@ -116,8 +117,6 @@ def look_round(
     """
     config = rig.config
     head = Head.from_config(config)
-    half_height_deg = np.degrees(np.arctan(config.camera.height_px / 2.0 / config.camera.fy_px))
-    lean_deg = LEAN_SHARE * float(half_height_deg)
     low_deg, high_deg = head.tilt_range_deg
     frames = []
     for number, direction in enumerate(
@@ -126,14 +125,28 @@ def look_round(
         view = look(rig, direction, standing, head)
         frames.append(skyline_frame(config, direction.label, standing, view))
         here = view.state
-        wanted_deg = here.tilt_deg + (lean_deg if number % 2 else -lean_deg)
-        if not low_deg <= wanted_deg <= high_deg:
-            wanted_deg = 2.0 * here.tilt_deg - wanted_deg
+        wanted_deg = here.tilt_deg + lean_deg(find_skyline(view.image_bgr), config.camera, number % 2 == 1)
         if low_deg <= wanted_deg <= high_deg:
             other = take_view(rig, JointAngles(here.pan_deg, wanted_deg), standing, head, [])
             frames.append(skyline_frame(config, f"{direction.label} tilted", standing, other))
         say(f"{direction.label}: skyline in {view.skyline_share:.0%} of the columns")
     return frames
+
+
+def lean_deg(skyline: Skyline, camera: CameraSection, up: bool) -> float:
+    """How much further to tilt for the skyline to lie in the other half of the picture; ``up`` or down where it is central."""
+    rows = skyline.row_px[skyline.state == ColumnState.OK]
+    middle_px = (camera.height_px - 1) / 2.0
+    row_px = float(np.median(rows)) if len(rows) else middle_px
+    if abs(row_px - middle_px) > CENTRAL_SHARE * camera.height_px:
+        up = row_px < middle_px
+    # Tilting up moves the skyline down, to higher rows.
+    target_px = middle_px + (1.0 if up else -1.0) * LEAN_SHARE * middle_px
+    return float(
+        np.degrees(
+            np.arctan((target_px - middle_px) / camera.fy_px) - np.arctan((row_px - middle_px) / camera.fy_px)
+        )
+    )
 
 
 def skyline_frame(config: RigConfig, label: str, standing: Standing, view: View) -> SkylineFrame:
@@ -146,13 +159,14 @@ def skyline_frame(config: RigConfig, label: str, standing: Standing, view: View)
     columns = np.arange(POINTS_APART_PX // 2, len(skyline.row_px), POINTS_APART_PX)
     sure = (skyline.state == ColumnState.OK) & (skyline.confidence >= CONFIDENT)
     columns = columns[sure[columns]]
+    rays = pixel_rays(config.camera, columns, skyline.row_px[columns]) if len(columns) else np.empty((0, 3))
     sigma_px = np.maximum(skyline.sigma_px[columns], LEAST_SIGMA_PX)
     return SkylineFrame(
         label,
         Attitude(
             azimuth_deg, view.level.tilt_deg - level.tilt_zero_deg, view.level.roll_deg - level.roll_zero_deg
         ),
-        pixel_rays(config.camera, columns, skyline.row_px[columns]).reshape(-1, 3),
+        rays,
         np.degrees(sigma_px / config.camera.fy_px),
         view.skyline_share,
         config.pan_tilt.azimuth_sigma_deg,

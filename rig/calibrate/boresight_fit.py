@@ -186,7 +186,8 @@ def _search(
         difference = profile.elevation(azimuth + shift) - elevation
         weights = np.ones(len(difference))
         for _ in range(SEARCH_ROUNDS):  # least absolute differences
-            level = np.linalg.lstsq(design * weights[:, None], difference * weights, rcond=None)[0]
+            weighted = design * (weights**2)[:, None]
+            level = np.linalg.solve(design.T @ weighted, weighted.T @ difference)
             off = np.abs(difference - design @ level)
             weights = 1.0 / np.sqrt(np.maximum(off, 0.02))
         scores.append(float(np.median(off)))

@@ -10,6 +10,8 @@ from scipy.optimize import least_squares
 
 Vector = NDArray[np.float64]
 
+TOLERANCE = 1e-7
+
 
 @dataclass(frozen=True)
 class Solved:
@@ -23,6 +25,8 @@ def solve(
     misfit: Callable[[Vector], Vector], start: Vector, loss: Literal["linear", "soft_l1"] = "linear"
 ) -> Solved:
     """Where the sum of (robustly bounded) squares of ``misfit``, weighted by its sigmas, is least."""
-    solution = least_squares(misfit, start, x_scale="jac", method="trf", loss=loss)
+    solution = least_squares(
+        misfit, start, x_scale="jac", method="trf", loss=loss, ftol=TOLERANCE, xtol=TOLERANCE
+    )
     jacobian = np.asarray(solution.jac)
     return Solved(np.asarray(solution.x), np.asarray(np.linalg.inv(jacobian.T @ jacobian)))

@@ -35,6 +35,7 @@ class Parameters:
     pan: Axis = field(default_factory=lambda: Axis(1))
     tilt: Axis = field(default_factory=lambda: Axis(2, direction=-1, min_deg=-40.0, max_deg=60.0))
     keep_out: tuple[KeepOut, ...] = ()
+    take_up_deg: float = 0.0
 
 
 @pytest.fixture
