@@ -13,6 +13,12 @@ settings.register_profile("repeatable", deadline=None, derandomize=True)
 settings.load_profile("repeatable" if os.environ.get("CI") else "unhurried")
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Options of the soak test."""
+    parser.addoption("--captures", type=int, default=500, help="how many captures the soak test takes")
+    parser.addoption("--soak-seed", type=int, default=1, help="another seed, other faults")
+
+
 @pytest.fixture(scope="session")
 def skyfix_data() -> Path:
     """The folder with terrain and pictures that are too large or not free enough to ship."""

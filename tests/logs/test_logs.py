@@ -15,11 +15,17 @@ from rig.bus.retry import retry
 from rig.config import RigConfig, load_config
 from rig.connect import open_altimeter, open_compass, open_inclinometer, open_pan_tilt
 from rig.readings import FieldReading
+from rig.sensors.reviving import Sensor
 from sim.errors import SimulationError
 from sim.replay import load_log, replayed
 
 LOGS = sorted(Path(__file__).parent.glob("*.log"))
 FIRST = 2
+
+
+def one_by_one(sensor: Sensor[Any]) -> list[Any]:
+    """The first readings, each asked for alone: how many come in some time is the machine's business."""
+    return [retry(lambda: sensor.read_many(0.0))[0] for _ in range(FIRST)]
 
 
 def readings(config: RigConfig) -> dict[str, Any]:
@@ -33,22 +39,18 @@ def readings(config: RigConfig) -> dict[str, Any]:
             "alerts": list(state.alerts),
         }
     sensor = open_inclinometer(config.inclinometer)
-    found["inclinometer"] = [
-        [r.x_g, r.y_g, r.z_g, r.temperature_c] for r in retry(lambda: sensor.read_many(0.3))[:FIRST]
-    ]
+    found["inclinometer"] = [[r.x_g, r.y_g, r.z_g, r.temperature_c] for r in one_by_one(sensor)]
     sensor.close()
     assert config.compass is not None
     assert config.altimeter is not None
     compass = open_compass(config.compass)
     found["compass"] = [
         [r.x_ut, r.y_ut, r.z_ut] if isinstance(r, FieldReading) else [r.heading_deg, r.reference]
-        for r in retry(lambda: compass.read_many(0.35))[:FIRST]
+        for r in one_by_one(compass)
     ]
     compass.close()
     altimeter = open_altimeter(config.altimeter)
-    found["altimeter"] = [
-        [r.pressure_hpa, r.temperature_c] for r in retry(lambda: altimeter.read_many(0.15))[:1]
-    ]
+    found["altimeter"] = [[r.pressure_hpa, r.temperature_c] for r in one_by_one(altimeter)]
     altimeter.close()
     return found
 
