@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from localizer.bundle import FILE_NAME, Altitude, Bundle, Camera, Frame, load_bundle, sha256_of
 from rig.errors import RigError
 
+LEAST_FREE_BYTES = 20_000_000
+
 
 class BundleWriteError(RigError):
     """The bundle cannot be written where it should go."""
@@ -64,6 +66,12 @@ def require_writable(folder: Path) -> None:
         raise BundleWriteError(f"{folder}: {existing} is not a directory; choose another with --out")
     if not os.access(existing, os.W_OK | os.X_OK):
         raise BundleWriteError(f"{folder}: no permission to write in {existing}; choose another with --out")
+    free_bytes = shutil.disk_usage(existing).free
+    if free_bytes < LEAST_FREE_BYTES:
+        raise BundleWriteError(
+            f"{folder}: only {free_bytes / 1e6:.1f} MB are free, a bundle may need {LEAST_FREE_BYTES / 1e6:.0f}; "
+            "make room, or choose another with --out"
+        )
 
 
 def write_bundle(folder: Path, measurement: Measurement) -> Path:

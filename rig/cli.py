@@ -21,6 +21,7 @@ from rig.calibrate.commands import (
 from rig.cli_options import config_option
 from rig.config import config_path, load_config
 from rig.directions import Direction, parse_directions
+from rig.move_command import move
 from rig.record_command import record
 from rig.signals import stopping_cleanly
 
@@ -114,6 +115,7 @@ def capture(
 rig.add_command(calibrate)
 rig.add_command(bundle)
 rig.add_command(record)
+rig.add_command(move)
 
 
 @rig.command()

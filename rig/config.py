@@ -147,6 +147,8 @@ class PanTiltSection(_Section):
     acceleration_deg_s2: Positive = 240.0
     bus_watchdog_ms: Annotated[int, Field(ge=0, le=127 * 20)] = 1000
     settle_timeout_s: Positive = 8.0
+    park_pan_deg: Finite = 0.0
+    park_tilt_deg: Finite = 0.0
     azimuth_sigma_deg: Positive = 0.1
     take_up_deg: Annotated[float, Field(ge=0.0, le=10.0)] = 0.0
     pan: Servo

@@ -2,8 +2,11 @@
 
 import json
 import os
+import subprocess
+import sys
 from datetime import UTC, datetime
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -132,3 +135,40 @@ def test_no_permission(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "access", lambda path, mode: False)
     with pytest.raises(BundleWriteError, match="no permission to write in"):
         require_writable(tmp_path)
+
+
+def test_a_disk_that_is_nearly_full_is_told_before_anything_is_measured(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("shutil.disk_usage", lambda path: SimpleNamespace(free=3_000_000))
+    with pytest.raises(BundleWriteError, match=r"only 3\.0 MB are free, a bundle may need 20; make room"):
+        require_writable(tmp_path / "bundles")
+    assert not list(tmp_path.iterdir())
+
+
+IN_A_SMALL_DISK = """
+set -e
+mount -t tmpfs -o size={size},mode=700 none {folder}
+cd {root}
+exec {python} -c '
+import sys; sys.path[:0] = ["tests/rig"]
+import pathlib, test_bundle_writer as t
+try:
+    t.write_bundle(pathlib.Path("{folder}"), t.measurement(t.frame("N"), t.frame("E", 90.0)))
+except t.BundleWriteError as error:
+    print(error)
+print(sorted(path.name for path in pathlib.Path("{folder}").iterdir()))
+'
+"""
+
+
+def test_a_disk_that_is_full_leaves_nothing_half_written(tmp_path: Path) -> None:
+    script = IN_A_SMALL_DISK.format(
+        size="8k", folder=tmp_path, root=Path(__file__).parents[2], python=sys.executable
+    )
+    done = subprocess.run(["unshare", "-rm", "sh", "-c", script], capture_output=True, text=True, check=False)
+    if "unshare" in done.stderr or "mount" in done.stderr:
+        pytest.skip("this machine lets nobody mount a file system of his own")
+    assert done.returncode == 0, done.stderr
+    assert "No space left on device" in done.stdout
+    assert done.stdout.splitlines()[-1] == "[]"

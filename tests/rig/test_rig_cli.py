@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import threading
 import time
@@ -259,3 +260,43 @@ def test_check_finds_what_only_measuring_shows(run: Run, running: RunningRig, tm
     assert "deg is above 0.005 deg" in problems["inclinometer"]
     assert "uT is not the Earth's field" in problems["compass"]
     assert "would be an altitude of" in problems["altimeter"]
+
+
+def test_move(run: Run, running: RunningRig, tmp_path: Path) -> None:
+    config = written(running, tmp_path)
+    status, out, err = run("move", "--config", config, "40", "-10")
+    assert (status, err) == (0, "")
+    assert re.fullmatch(r"pan (39\.9|40\.0)\d, tilt -(9\.9|10\.0)\d deg, torque off\n", out)
+    assert not running.rig.torque_is_on
+    status, out, _ = run("move", "--config", config, "--park", "--json")
+    assert json.loads(out)["pan_deg"] == pytest.approx(0.0, abs=0.1)
+    assert run("move", "--config", config, "--relax")[0] == 0
+
+
+@pytest.mark.parametrize("arguments", [(), ("40",), ("--park", "--relax"), ("1", "2", "--park")])
+def test_move_wants_one_goal(
+    run: Run, running: RunningRig, tmp_path: Path, arguments: tuple[str, ...]
+) -> None:
+    line = one_line(run("move", "--config", written(running, tmp_path), *arguments))
+    assert "Give PAN and TILT, or --park, or --relax." in line
+    assert not running.servos.requests
+
+
+def test_a_goal_beyond_the_limits_moves_nothing(run: Run, running: RunningRig, tmp_path: Path) -> None:
+    line = one_line(run("move", "--config", written(running, tmp_path), "179", "0"))
+    assert "pan goal 179 deg is outside its limits -178 to 178 deg" in line
+    assert not running.servos.written(116)
+    assert not running.rig.torque_is_on
+
+
+def test_a_session_is_recorded(run: Run, running: RunningRig, tmp_path: Path) -> None:
+    config, log = written(running, tmp_path), tmp_path / "x.log"
+    status, _, err = run("record", "--config", config, log, "move", "--relax")
+    assert (status, err) == (0, "")
+    header, *lines = map(json.loads, log.read_text().splitlines())
+    assert header["config"]["pan_tilt"]["port"] == running.servos.path
+    assert "source" not in header["config"]["camera"]
+    assert lines[0]["port"] == running.servos.path
+    assert bytes.fromhex(lines[0]["sent"]) == running.servos.requests[0]
+    assert any("received" in line for line in lines)
+    assert "x.log: cannot be written" in one_line(run("record", "--config", config, log, "move", "--relax"))
