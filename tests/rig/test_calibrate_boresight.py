@@ -1,0 +1,77 @@
+"""The DEM's skyline says how the camera sits, and refuses a wrong place and a hidden ridge."""
+
+import numpy as np
+import pytest
+
+from localizer.camera import camera_to_world
+from rig.calibrate.boresight_fit import PlaceSigmas, SkylineFrame, fit_boresight
+from rig.calibrate.horizon_profile import STEP_DEG, HorizonProfile
+from rig.calibration import CalibrationError
+from rig.kinematics import Attitude, body_rotation
+
+AZIMUTHS_DEG = np.arange(0.0, 360.0, STEP_DEG)
+CAMERA = Attitude(2.6, -1.4, 1.1)
+HEADING_DEG = -0.3
+UNKNOWN = Attitude(0.0, 0.0, 0.0)
+SIGMAS = PlaceSigmas(4.0, 1.5, 0.5)
+
+
+def ridges(seed: int) -> HorizonProfile:
+    """A rugged skyline some kilometres away, the same from a few metres aside."""
+    rng = np.random.default_rng(seed)
+    elevation = 6.0 + sum(
+        rng.normal(0.0, 2.5 / k**0.9) * np.sin(np.radians(k * AZIMUTHS_DEG) + rng.uniform(0.0, 6.28))
+        for k in range(1, 60)
+    )
+    distance = np.full(len(AZIMUTHS_DEG), 3000.0)
+    return HorizonProfile(elevation, distance, np.zeros((3, len(AZIMUTHS_DEG))))
+
+
+def frames(profile: HorizonProfile, share: float = 1.0) -> list[SkylineFrame]:
+    """Sixteen frames all round, high and low, by a camera that sits like CAMERA, azimuths off by HEADING_DEG."""
+    rng = np.random.default_rng(8)
+    found = []
+    for azimuth_deg in np.arange(0.0, 360.0, 45.0):
+        for tilt_deg in (-3.0, 11.0):
+            head = Attitude(azimuth_deg, tilt_deg, rng.normal(0.0, 3.0))
+            true = Attitude(azimuth_deg + HEADING_DEG + rng.normal(0.0, 0.03), head.tilt_deg, head.roll_deg)
+            turn = body_rotation(true) @ camera_to_world(CAMERA.azimuth_deg, CAMERA.tilt_deg, CAMERA.roll_deg)
+            at = azimuth_deg + np.arange(-28.0, 28.0, 1.0)
+            up = profile.elevation(at) + rng.normal(0.0, 0.03, len(at))
+            a, e = np.radians(at), np.radians(up)
+            world = np.column_stack([np.sin(a) * np.cos(e), np.cos(a) * np.cos(e), np.sin(e)])
+            rays = world @ turn
+            found.append(SkylineFrame("f", head, rays, np.full(len(at), 0.04), share, 0.1, 0.01))
+    return found
+
+
+def test_degrees_of_mounting_error_are_found() -> None:
+    profile = ridges(1)
+    fit = fit_boresight(frames(profile), profile, UNKNOWN, 0.5, SIGMAS)
+    sigma = np.sqrt(np.diag(fit.covariance_deg2))
+    together = fit.boresight.azimuth_deg + fit.heading_offset_deg
+    assert together == pytest.approx(CAMERA.azimuth_deg + HEADING_DEG, abs=0.04)
+    assert fit.boresight.tilt_deg == pytest.approx(CAMERA.tilt_deg, abs=0.01)
+    assert fit.boresight.roll_deg == pytest.approx(CAMERA.roll_deg, abs=0.02)
+    assert fit.boresight.azimuth_deg == pytest.approx(CAMERA.azimuth_deg, abs=0.1), "told from the heading"
+    assert (sigma < [0.06, 0.02, 0.03]).all()
+
+
+def test_frames_at_one_tilt_do_not_tell_camera_from_heading() -> None:
+    profile = ridges(1)
+    level = [frame for frame in frames(profile) if frame.head.tilt_deg < 0.0]
+    fit = fit_boresight(level, profile, UNKNOWN, 0.01, SIGMAS)
+    together = fit.boresight.azimuth_deg + fit.heading_offset_deg
+    assert together == pytest.approx(CAMERA.azimuth_deg + HEADING_DEG, abs=0.05)
+    assert abs(fit.heading_offset_deg) < 0.05, "a compass that is sure is believed"
+
+
+def test_another_place_is_refused() -> None:
+    with pytest.raises(CalibrationError, match=r"another place"):
+        fit_boresight(frames(ridges(1)), ridges(2), UNKNOWN, 0.5, SIGMAS)
+
+
+def test_cloud_before_the_ridge_is_refused() -> None:
+    profile = ridges(1)
+    with pytest.raises(CalibrationError, match="shows in 0 of 16 frames"):
+        fit_boresight(frames(profile, share=0.1), profile, UNKNOWN, 0.5, SIGMAS)
