@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from rig.bundle_look import list_, show, verify
 from rig.cli_options import config_option
 
 
@@ -55,3 +56,7 @@ def recalibrate(
         if not calibrations:
             raise click.UsageError(f"{path} names no calibration; give --calibration FILE.")
     click.echo(derive_anew(directory, calibrations, out_dir or directory.resolve().parent))
+
+
+for _command in (list_, show, verify):
+    bundle.add_command(_command)
