@@ -66,23 +66,39 @@ def rig(verbose: bool) -> None:
     multiple=True,
     help="Elevation file for --locate; repeat it for files that adjoin.",
 )
+@click.option(
+    "--repeat", type=click.IntRange(min=1), default=1, help="How many bundles to take, one after the other."
+)
+@click.option(
+    "--every",
+    "every_s",
+    type=click.FloatRange(min=0.0),
+    default=0.0,
+    help="From one beginning to the next, seconds.",
+)
 def capture(
     config_file: Path | None,
     out_dir: Path | None,
     names: str | None,
     locate: bool,
     dem_paths: tuple[Path, ...],
+    repeat: int,
+    every_s: float,
 ) -> int:
     """Take a measurement bundle: level and heading of the vehicle, then a frame in each direction.
 
     Prints the bundle's directory, and with --locate the fix after it; ends with the status of localizer locate
-    then. Ctrl-C ends it with the head relaxed and nothing half-written.
+    then. Ctrl-C ends it with the head relaxed and nothing half-written. With --repeat a capture that fails is told on
+    standard error and the next one is taken; the status is 2 where any failed.
 
     \b
     Examples:
       rig capture --config vehicle.toml
       rig capture --directions N,E,S,W --locate --dem terrain.tif
+      rig capture --repeat 48 --every 1800
     """
+    if repeat > 1 and locate:
+        raise click.UsageError("--repeat takes bundles only; locate them afterwards.")
     if locate != bool(dem_paths):
         raise click.UsageError("--locate and --dem FILE go together.")
     directions = _directions(names)
@@ -97,8 +113,18 @@ def capture(
 
         dem = load_dem(dem_paths)
     directions = directions or config.capture.parsed_directions()
+    out_dir = out_dir or config.rig.bundle_dir
+    if repeat > 1:
+        from rig.repeat import repeated
+
+        def once() -> Path:
+            with reporting(1 + len(directions)) as report:
+                return take(config, directions, out_dir, report)
+
+        with stopping_cleanly():
+            return repeated(once, repeat, every_s)
     with stopping_cleanly(), reporting(1 + len(directions)) as report:
-        bundle_dir = take(config, directions, out_dir or config.rig.bundle_dir, report)
+        bundle_dir = take(config, directions, out_dir, report)
     click.echo(bundle_dir)
     if not locate:
         return 0
