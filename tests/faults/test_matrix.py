@@ -31,10 +31,8 @@ MOMENT_S = 0.6
 QUICK = {  # shown by default; the others take minutes together
     "servo-bus unplugged moment",
     "pan reboot good",
-    "compass: a chip nack moment",
     "camera black moment",
     "camera frozen good",
-    "clock stepped good",
     "disk read-only good",
 }
 TRIGGERS: dict[str, tuple[Any, str, int]] = {
