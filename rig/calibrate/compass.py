@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from rig import clock
 from rig.attitude import LevelReading, LevelSigmas, base_level, in_axes
 from rig.calibrate.compass_fit import CompassFit, EarthField, VehicleStop, fit_compass
 from rig.calibrate.figures import new_figure
@@ -166,7 +166,7 @@ def _section(config: RigConfig) -> Mmc5983maSection:
 def _model(config: RigConfig) -> ModelField:
     if config.place is None:
         raise CalibrationError("compass: the strength of the Earth's field is looked up at [place]; add that")
-    now = datetime.now(UTC)
+    now = clock.utc_now()
     try:
         return model_field(config.place, now)
     except ValueError as error:

@@ -81,8 +81,7 @@ def measure(rig: Rig, angles: int, say: Callable[[str], None]) -> list[TiltReadi
     positions = stations(rig.config.pan_tilt, angles)
     readings, levels = [], []
     for number, joints in enumerate([*positions, positions[0]], start=1):
-        rig.pan_tilt.move_to(joints.pan_deg, joints.tilt_deg)
-        state = rig.pan_tilt.wait_settled()
+        state = rig.pan_tilt.go_to(joints.pan_deg, joints.tilt_deg)
         level, _ = still_level(rig, section.average_s)
         levels.append(level)
         readings.append(reading_of(JointAngles(state.pan_deg, state.tilt_deg), level, section.chip))

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +10,7 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 
+from rig import clock
 from rig.calibrate.guide import Guide, TerminalGuide
 from rig.calibrate.naming import name_in_config
 from rig.calibration import Calibration, CalibrationError, Kind, new_id, write_calibration
@@ -37,7 +37,7 @@ class Session:
 
     def header(self, kind: Kind, device: str) -> dict[str, Any]:
         """The fields that all calibrations have."""
-        created = datetime.now(UTC).replace(microsecond=0)
+        created = clock.utc_now().replace(microsecond=0)
         return {
             "id": new_id(kind, created),
             "created": created,
