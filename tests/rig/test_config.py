@@ -240,6 +240,10 @@ def test_keep_out_zones_are_checked(tmp_path: Path) -> None:
 
     zones = load_changed(tmp_path, zone("pan_min_deg = 160.0\ntilt_max_deg = -10.0")).pan_tilt.keep_out
     assert [(z.pan_min_deg, z.pan_max_deg, z.tilt_max_deg) for z in zones] == [(160.0, 180.0, -10.0)]
-    assert problem(tmp_path, zone("pan_mim_deg = 160.0")).startswith("[pan_tilt.keep_out] pan_mim_deg: unknown key")
+    assert problem(tmp_path, zone("pan_mim_deg = 160.0")).startswith(
+        "[pan_tilt.keep_out] pan_mim_deg: unknown key"
+    )
     assert "needs each min_deg below its max_deg" in problem(tmp_path, zone("pan_max_deg = -180.0"))
-    assert "pan 135, tilt 0 lies in the keep-out zone pan 100 to 180" in problem(tmp_path, zone("pan_min_deg = 100.0"))
+    assert "pan 135, tilt 0 lies in the keep-out zone pan 100 to 180" in problem(
+        tmp_path, zone("pan_min_deg = 100.0")
+    )
