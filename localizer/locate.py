@@ -19,16 +19,22 @@ from localizer.horizon.from_terrain import Terrain, horizon, horizon_around, pre
 from localizer.observation import FrameObservation, Observation, PriorCircle
 from localizer.search.contours import BINS, FrameContour, MeasuredSkyline, frame_contour, measured_skyline
 from localizer.search.decide import Decision, decide, explains
-from localizer.search.refine import Problem, Refined, refine
+from localizer.search.refine import LIKELY_FROM, Noise, Problem, Refined, places_around, refine, usual_noise
 from localizer.search.stage1 import Band, Stage1, bands, half_cell_relief, heading_offsets_deg, search_stage1
 from localizer.search.stage2 import Scored, apart, search_stage2
 
 Floats = NDArray[np.float64]
 
-DEM_ERROR_M = 3.0
-"""Assumed of a DEM until the residuals tell."""
+LARGEST_DEM_ERROR = 4.0
+"""A DEM's error is at most so many times what is usual for one of its kind."""
 COLUMNS_EVERY_DEG = ((6.0, 600), (2.0, 150))
 """Stage 2's rounds: the columns' spacing, and how many cells go on to the next."""
+MOST_CELLS = 30000
+"""Where stage 1 leaves more, stage 2 first looks at every second cell, or third, and so on, and ..."""
+PROMISING_CELLS = 1500
+"""... then at all around the best of those."""
+HEADING_STEP_DEG = 2.0
+"""Stage 2's hypotheses for the heading lie no further apart."""
 STARTS = 12
 START_RADIUS_CELLS = 1.5
 COARSE_COLUMNS = 120
@@ -38,6 +44,12 @@ CONTEST_COLUMNS = 480
 CONTENDERS = 5
 CONTEST_MARGIN = 0.5
 """A start whose columns are less likely than the best one's by this much each (in logarithms) is no contender."""
+LOOK_ABOUT_CELLS = (1.5, 0.375)
+"""How far around a fit other places are tried for a better one, and how far apart these are."""
+LOOK_ABOUT_STARTS = 3
+QUIET = 0.2
+"""The least that is taken for a DEM's error in that, in terms of what is usual."""
+FEW_ASTRAY, CLEARLY_FEWER = 0.9, 0.05
 SAME_PLACE_CELLS = 2.0
 SMALLEST_SIGMA_PX = 0.15
 """No skyline in a picture is known better than this: lens, blur and the roundness of things."""
@@ -146,7 +158,7 @@ def locate(terrain: Terrain, observation: Observation) -> Located:
             observation.mast_height_m,
             observation.altitude_m,
             observation.altitude_sigma_m,
-            DEM_ERROR_M,
+            terrain.usual_error_m,
             _within_prior(terrain, observation),
         )
     decision, best = _among(terrain, observation, seen, skyline, stage1.last, offsets, watch)
@@ -184,34 +196,54 @@ def _stage2(
     offsets: Floats,
 ) -> Scored:
     """Few columns for all cells, many for the best of them."""
-    scored = Scored(cells, np.zeros(len(cells)), np.zeros(len(cells)))
     relief = half_cell_relief(terrain.height_m)
-    for every_deg, keep in COLUMNS_EVERY_DEG:
-        at = scored.cells[:, 0], scored.cells[:, 1]
+    if len(offsets) > 1 and offsets[1] - offsets[0] > HEADING_STEP_DEG:
+        offsets = np.arange(offsets[0], offsets[-1], HEADING_STEP_DEG)
+
+    def best(cells: NDArray[np.int64], every_deg: float, keep: int, spread: float = 1.0) -> Scored:
+        at = cells[:, 0], cells[:, 1]
         eye = terrain.height_m[at].astype(float) + observation.mast_height_m
-        slack = relief[at].astype(float)
+        slack = spread * relief[at].astype(float)
         if observation.altitude_m is not None:
             eye = np.clip(observation.altitude_m, eye - slack, eye + slack)
         scored = search_stage2(
             terrain,
             skyline,
-            scored.cells,
+            cells,
             eye,
             slack,
             offsets,
             observation.azimuth_bias_sigma_deg,
-            DEM_ERROR_M,
+            terrain.usual_error_m,
             every_deg,
         )
-        scored = Scored(scored.cells[:keep], scored.disparity[:keep], scored.azimuth_bias_deg[:keep])
+        return Scored(scored.cells[:keep], scored.disparity[:keep], scored.azimuth_bias_deg[:keep])
+
+    if len(cells) > MOST_CELLS:
+        stride = int(np.ceil(np.sqrt(len(cells) / MOST_CELLS)))
+        sparse = cells[(cells % stride == stride // 2).all(axis=1)]
+        promising = best(sparse, COLUMNS_EVERY_DEG[0][0], PROMISING_CELLS, spread=float(stride)).cells
+        cells = _around(cells, promising, terrain.height_m.shape, stride)
+    for every_deg, keep in COLUMNS_EVERY_DEG:
+        scored = best(cells, every_deg, keep)
+        cells = scored.cells
     return scored
+
+
+def _around(
+    cells: NDArray[np.int64], centres: NDArray[np.int64], shape: tuple[int, ...], stride: int
+) -> NDArray[np.int64]:
+    """Those of ``cells`` (n, 2) that lie in the squares of ``stride`` cells a side around the centres (m, 2)."""
+    near = np.zeros((shape[0] // stride + 1, shape[1] // stride + 1), bool)
+    near[centres[:, 0] // stride, centres[:, 1] // stride] = True
+    return cells[near[cells[:, 0] // stride, cells[:, 1] // stride]]
 
 
 def _settle(
     terrain: Terrain, observation: Observation, contours: tuple[FrameContour, ...], scored: Scored
 ) -> tuple[Decision, Refined | None]:
     """Refine the best cells, coarsely all, then the contenders under one error model, then the winner with all columns."""
-    largest = max(12.0, 0.3 * terrain.cell_m)
+    largest = LARGEST_DEM_ERROR * terrain.usual_error_m
     columns = sum(len(c.rays) for c in contours)
     coarse = Problem(terrain, observation, contours, stride=max(1, columns // COARSE_COLUMNS))
     refined = []
@@ -225,7 +257,7 @@ def _settle(
                 _first_altitude(terrain, observation, row, col),
                 float(scored.azimuth_bias_deg[i]),
                 iterations=4,
-                dem_error_m=2.0 * DEM_ERROR_M,
+                noise=usual_noise(terrain, 2.0 * terrain.usual_error_m),
                 largest_dem_error_m=largest,
                 settle=True,
             )
@@ -240,20 +272,57 @@ def _settle(
         if c.misfit_per_column < refined[0].misfit_per_column + CONTEST_MARGIN
     ]
     full = Problem(terrain, observation, contours)
-    best = _again(full, contenders[0], largest, settle=True)
     stride = max(1, columns // CONTEST_COLUMNS)
     middle = Problem(terrain, observation, contours, stride)
-    model = best.dem_error_m, max(1.0, best.correlation_columns / stride)
-    compared = [_again(middle, c, largest, model=model) for c in contenders]
+    best = _best_nearby(full, middle, coarse, _again(full, contenders[0], largest, settle=True), largest)
+    held = Noise(best.dem_error_m, max(1.0, best.correlation_columns / stride), best.error_model)
+    compared = [_again(middle, best, largest, held=held)] + [
+        _nearby(middle, coarse, _again(middle, c, largest, held=held), held, largest) for c in contenders[1:]
+    ]
     compared = _distinct(sorted(compared, key=lambda r: r.cost), SAME_PLACE_CELLS)
     priors = 2 + 2 + 3 * len(contours)
     decision = decide(compared, best.evidence, terrain.cell_m)
     winner = decision.candidates[0]
     if np.hypot(winner.row - best.row, winner.col - best.col) > SAME_PLACE_CELLS:
-        best = _again(full, winner, largest, settle=True)
+        best = _best_nearby(full, middle, coarse, _again(full, winner, largest, settle=True), largest)
     if not explains(best, largest, priors):
         return Decision("none", [], np.zeros(0)), None
     return decision, best
+
+
+def _best_nearby(full: Problem, middle: Problem, coarse: Problem, found: Refined, largest: float) -> Refined:
+    """The best place around a fit, with all columns, its noise estimated there.
+
+    A fit beside the best place may have taken its misfit for the DEM's error. Where it leaves many columns astray, one
+    more search takes hardly any such error for granted, and its fit counts if it leaves clearly fewer.
+    """
+    stride = max(1, round(len(full.sigma_rad) / len(middle.sigma_rad)))
+    noise = Noise(found.dem_error_m, max(1.0, found.correlation_columns / stride), found.error_model)
+    loud = _again(full, _nearby(middle, coarse, found, noise, largest), largest, settle=True, likely_from=0)
+    if loud.inlier_share >= FEW_ASTRAY:
+        return loud
+    noise = usual_noise(full.terrain, QUIET * full.terrain.usual_error_m)
+    quiet = _again(full, _nearby(middle, coarse, found, noise, largest), largest, settle=True, likely_from=0)
+    return quiet if quiet.inlier_share > loud.inlier_share + CLEARLY_FEWER else loud
+
+
+def _nearby(middle: Problem, coarse: Problem, found: Refined, noise: Noise, largest: float) -> Refined:
+    """The best fit with held noise that starts from one of the likeliest places around another."""
+    around = [
+        refine(
+            middle,
+            row,
+            col,
+            altitude_m,
+            found.azimuth_bias_deg,
+            iterations=8,
+            noise=noise,
+            largest_dem_error_m=largest,
+            settle=False,
+        )
+        for row, col, altitude_m in places_around(coarse, found, noise, *LOOK_ABOUT_CELLS, LOOK_ABOUT_STARTS)
+    ]
+    return min(around or [found], key=lambda r: r.fit_cost)
 
 
 def _again(
@@ -262,10 +331,11 @@ def _again(
     largest: float,
     *,
     settle: bool = False,
-    model: tuple[float, float] | None = None,
-    iterations: int = 20,
+    held: Noise | None = None,
+    iterations: int = 24,
+    likely_from: int = LIKELY_FROM,
 ) -> Refined:
-    """Refine once more from where a coarser refinement ended; ``model``: DEM error and correlation to hold."""
+    """Refine once more from where a coarser refinement ended; ``held``: the noise not to estimate anew."""
     return refine(
         problem,
         start.row,
@@ -273,10 +343,10 @@ def _again(
         start.altitude_m,
         start.azimuth_bias_deg,
         iterations=iterations,
-        dem_error_m=model[0] if model else start.dem_error_m,
+        noise=held or Noise(start.dem_error_m, start.correlation_columns, start.error_model),
         largest_dem_error_m=largest,
         settle=settle,
-        correlation_columns=model[1] if model else start.correlation_columns,
+        likely_from=likely_from,
     )
 
 
@@ -293,7 +363,7 @@ def _first_altitude(terrain: Terrain, observation: Observation, row: float, col:
     ground = float(terrain.dem.ground_m(row, col)) + observation.mast_height_m
     if observation.altitude_m is None:
         return ground
-    weight = 1.0 / np.array([DEM_ERROR_M, observation.altitude_sigma_m]) ** 2
+    weight = 1.0 / np.array([terrain.usual_error_m, observation.altitude_sigma_m]) ** 2
     return float(weight @ [ground, observation.altitude_m] / weight.sum())
 
 

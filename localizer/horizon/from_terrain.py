@@ -10,6 +10,7 @@ Rays are geodesics. How one runs through the lattice of the DEM is known to seco
 
 from dataclasses import dataclass
 
+import cv2
 import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,8 +24,10 @@ REFRACTION = 0.13
 VOID_M = -20000.0
 """A void holds no terrain: deep enough to be seen from nowhere."""
 
-BLOCK = 16
+BLOCKS = (4, 16, 64, 256)
 """Cells a side of the blocks whose maxima tell a ray that it can leap over them."""
+
+LARGEST_ROUGHNESS = 5.0
 
 Floats = NDArray[np.float64]
 Heights = NDArray[np.float32]
@@ -35,9 +38,12 @@ class Terrain:
     """A DEM made ready for rays.
 
     ``height_m`` (rows, cols) has voids filled with VOID_M; ``cell_ceiling_m`` is the highest corner of each cell.
-    ``row_blocks[i, j]`` is the highest cell that a ray can meet while its row runs through block i, having entered it in the
-    columns of block j, the neighbours of j included; ``col_blocks`` likewise, rows and columns exchanged.
-    ``drop_per_m2`` is (1 - k) / (2 R).
+    ``row_blocks`` has, for each size in BLOCKS one after the other, a flattened matrix: at (i, j) the highest cell that a ray
+    can meet while its row runs through block i, having entered it in the columns of block j, the neighbours of j included.
+    ``col_blocks`` likewise, rows and columns exchanged.
+    ``drop_per_m2`` is (1 - k) / (2 R). ``roughness`` (rows, cols) is how much the surface bends from cell to cell (second
+    differences), in terms of its mean over the DEM, ``mean_bend_m``: what a DEM says between and at its cells is the less
+    certain, the more the terrain bends there.
     """
 
     dem: Dem
@@ -48,6 +54,19 @@ class Terrain:
     col_blocks: Heights
     highest_m: float
     drop_per_m2: float
+    roughness: Heights
+    mean_bend_m: float
+
+    @property
+    def usual_error_m(self) -> float:
+        """One standard deviation of the elevations of such a DEM, until the residuals tell: more in wide and in rough cells."""
+        return max(3.0, 0.05 * self.cell_m, 0.5 * self.mean_bend_m)
+
+    def roughness_at(self, row: Floats, col: Floats) -> Floats:
+        """Roughness (n,) of the cells nearest to lattice positions (n,), of those on the rim for what lies beyond it."""
+        i = np.clip(np.rint(row), 0, self.roughness.shape[0] - 1).astype(np.int64)
+        j = np.clip(np.rint(col), 0, self.roughness.shape[1] - 1).astype(np.int64)
+        return np.asarray(self.roughness[i, j], np.float64)
 
     @property
     def cell_m(self) -> float:
@@ -58,16 +77,32 @@ class Terrain:
 def prepare_terrain(dem: Dem, refraction: float = REFRACTION) -> Terrain:
     """What rays need of a DEM, computed once."""
     height = np.where(np.isfinite(dem.z_m), dem.z_m, VOID_M).astype(np.float32)
+    bend_m = _bend_m(dem.z_m)
+    mean_bend_m = float(bend_m.mean())
     return Terrain(
         dem=dem,
         frames=lattice_frames(dem),
         height_m=np.ascontiguousarray(height),
         cell_ceiling_m=_cell_ceilings(height),
         row_blocks=_block_maxima(height),
-        col_blocks=np.ascontiguousarray(_block_maxima(height.T).T),
+        col_blocks=_block_maxima(np.ascontiguousarray(height.T)),
         highest_m=float(height.max()),
         drop_per_m2=(1.0 - refraction) / (2.0 * EARTH_RADIUS_M),
+        roughness=np.minimum(bend_m / max(mean_bend_m, 1e-3), LARGEST_ROUGHNESS),
+        mean_bend_m=mean_bend_m,
     )
+
+
+def _bend_m(z_m: NDArray[np.float32]) -> Heights:
+    """Root mean square of the second differences around each cell; their mean over the DEM where they are not known."""
+    z = z_m.astype(np.float32)
+    square = np.full(z.shape, np.nan, np.float32)
+    down = z[:-2, 1:-1] - 2.0 * z[1:-1, 1:-1] + z[2:, 1:-1]
+    across = z[1:-1, :-2] - 2.0 * z[1:-1, 1:-1] + z[1:-1, 2:]
+    square[1:-1, 1:-1] = down**2 + across**2
+    known = np.isfinite(square)
+    square[~known] = square[known].mean() if known.any() else 0.0
+    return np.asarray(np.sqrt(np.maximum(cv2.blur(square, (3, 3)), 0.0)), np.float32)
 
 
 def horizon(
@@ -125,11 +160,18 @@ def _cell_ceilings(height: Heights) -> Heights:
 
 
 def horizon_around(
-    terrain: Terrain, row: float, col: float, altitude_m: float, azimuth_rad: Floats
+    terrain: Terrain,
+    row: float,
+    col: float,
+    altitude_m: float,
+    azimuth_rad: Floats,
+    guess_m: Floats | None = None,
 ) -> tuple[Floats, Floats]:
     """Tangents and distances (m,) of the horizon of one observer in the directions (m,).
 
-    On one thread: for the few rays of a refinement, waking another costs more than it saves.
+    ``guess_m``: distances (m,) at which the horizon is likely, say because it was there from nearby; NaN elsewhere.
+    They save time and change nothing else. On one thread: for the few rays of a refinement, waking another costs more
+    than it saves.
     """
     return _horizon_around(
         terrain.height_m,
@@ -143,19 +185,25 @@ def horizon_around(
         col,
         altitude_m,
         azimuth_rad,
+        np.full(len(azimuth_rad), np.nan) if guess_m is None else guess_m,
     )
 
 
 def _block_maxima(height: Heights) -> Heights:
-    """Maxima over BLOCK rows (and the row after them) by three blocks of columns: (ceil(rows / BLOCK), ceil(cols / BLOCK))."""
+    """For each size in BLOCKS the maxima over so many rows (and the row before and after) by three blocks of columns, flat."""
+    return np.concatenate([_dilated_maxima(height, size).ravel() for size in BLOCKS])
+
+
+def _dilated_maxima(height: Heights, size: int) -> Heights:
     rows, cols = height.shape
-    down, across = -(-rows // BLOCK), -(-cols // BLOCK)
-    out = np.empty((down, across), np.float32)
-    for i in range(down):
-        band = height[max(i * BLOCK - 1, 0) : (i + 1) * BLOCK + 1].max(axis=0)
-        for j in range(across):
-            out[i, j] = band[max((j - 1) * BLOCK - 1, 0) : (j + 2) * BLOCK + 1].max()
-    return out
+    down, across = -(-rows // size), -(-cols // size)
+    bands = np.array(
+        [height[max(i * size - 1, 0) : (i + 1) * size + 1].max(axis=0) for i in range(down)], np.float32
+    )
+    firsts = [max((j - 1) * size - 1, 0) for j in range(across)]
+    return np.column_stack(
+        [bands[:, first : (j + 2) * size + 1].max(axis=1) for j, first in enumerate(firsts)]
+    )
 
 
 @kernel(inline=True)
@@ -193,11 +241,14 @@ def ray_horizon(
     col: float,
     eye: float,
     azimuth: float,
+    guess: float,
 ) -> tuple[float, float]:
     """Tangent and distance of the horizon along one ray; (-inf, NaN) where it meets no terrain.
 
+    ``guess``: a distance at which the horizon may be, or NaN; it changes the time taken, not the answer.
+
     The ray is followed along the lattice axis on which it moves faster (``major``), from one grid line to the next. A block
-    of BLOCK grid lines is leapt over when its highest cell stays below the horizon found so far.
+    of grid lines is leapt over, the largest first, when its highest cell stays below the horizon found so far.
     """
     east, north = np.sin(azimuth), np.cos(azimuth)
     row_1 = frame[0, 0] * east + frame[0, 1] * north
@@ -212,14 +263,25 @@ def ray_horizon(
         start, a1, a2, minor_start, b1, b2 = col, col_1, col_2, row, row_1, row_2
         last, minor_last = height.shape[1] - 1, height.shape[0] - 1
     flat, ceilings = height.ravel(), cell_ceilings.ravel()
-    blocks = (row_blocks if along_rows else col_blocks).ravel()
+    blocks = row_blocks if along_rows else col_blocks
     by_major, by_minor = (height.shape[1], 1) if along_rows else (1, height.shape[1])
-    block_by_major, block_by_minor = (row_blocks.shape[1], 1) if along_rows else (1, row_blocks.shape[1])
     step = 1 if a1 > 0.0 else -1
     # The inverse series: distance as a function of the major coordinate.
     s1, s2 = 1.0 / a1, -a2 / (a1 * a1 * a1)
 
+    entered = 0 if step > 0 else 3  # the first line of a smallest block, modulo its size
     best, best_s = -np.inf, np.nan
+    if guess > 0.0:
+        x0, y0 = start + (a1 + a2 * guess) * guess, minor_start + (b1 + b2 * guess) * guess
+        if 0.0 <= x0 < last and 0.0 <= y0 < minor_last:
+            i, j = int(x0), int(y0)
+            at = i * by_major + j * by_minor
+            z00, z01 = flat[at], flat[at + by_minor]
+            z10, z11 = flat[at + by_major], flat[at + by_major + by_minor]
+            if min(z00, z01, z10, z11) > VOID_M:
+                xa, ya = x0 - i, y0 - j
+                za = (z00 * (1.0 - ya) + z01 * ya) * (1.0 - xa) + (z10 * (1.0 - ya) + z11 * ya) * xa
+                best, best_s = (za - eye) / guess - drop * guess, guess
     x0, y0, d0 = start, minor_start, 0.0  # where the stretch begins: major, minor, distance
     line = int(np.floor(start)) + 1 if step > 0 else int(np.ceil(start)) - 1
     if (step > 0 and line < 0) or (step < 0 and line > last):  # outside, looking in
@@ -244,20 +306,30 @@ def ray_horizon(
             line += step
             continue
 
-        if line % BLOCK == (0 if step > 0 else BLOCK - 1) and best > -np.inf:
-            # The block begins behind this line: its maximum covers the stretch that leads into it and the one out of it.
-            ceiling = blocks[line // BLOCK * block_by_major + int(y1) // BLOCK * block_by_minor]
-            far = offset + step * BLOCK
-            d_far = (s1 + s2 * far) * far
-            # Between two points the line of sight, convex, sinks below the lower end by less than drop ds^2 / 4.
-            lower = min(eye + (best + drop * d0) * d0, eye + (best + drop * d_far) * d_far)
-            if ceiling < lower - 0.25 * drop * (d_far - d0) * (d_far - d0):
-                line += step * (BLOCK - 1)
-                offset = line - start
-                d0 = (s1 + s2 * offset) * offset
-                x0, y0 = float(line), minor_start + (b1 + b2 * d0) * d0
-                line += step
-                continue
+        leap = 0
+        if line & 3 == entered and best > -np.inf:
+            # A block begins behind this line: its maximum covers the stretch that leads into it and the one out of it.
+            first = 0
+            for size in BLOCKS:
+                if line & (size - 1) != (0 if step > 0 else size - 1):
+                    break
+                wide = minor_last // size + 1
+                ceiling = blocks[first + line // size * wide + int(y1) // size]
+                far = offset + step * size
+                d_far = (s1 + s2 * far) * far
+                # Between two points the line of sight, convex, sinks below the lower end by less than drop ds^2 / 4.
+                lower = min(eye + (best + drop * d0) * d0, eye + (best + drop * d_far) * d_far)
+                if ceiling >= lower - 0.25 * drop * (d_far - d0) * (d_far - d0):
+                    break
+                leap = size
+                first += (last // size + 1) * wide
+        if leap > 0:
+            line += step * (leap - 1)
+            offset = line - start
+            d0 = (s1 + s2 * offset) * offset
+            x0, y0 = float(line), minor_start + (b1 + b2 * d0) * d0
+            line += step
+            continue
 
         # The stretch between two major grid lines lies in one cell, or in two with a minor grid line between them.
         i = line - 1 if step > 0 else line
@@ -322,6 +394,7 @@ def _horizons(
             col[i],
             eye[i],
             azimuth[i, j],
+            np.nan,
         )
     return tangent, distance
 
@@ -339,11 +412,23 @@ def _horizon_around(
     col: float,
     eye: float,
     azimuth: Floats,
+    guess: Floats,
 ) -> tuple[Floats, Floats]:
     tangent = np.empty(azimuth.shape[0])
     distance = np.empty(azimuth.shape[0])
     for i in range(azimuth.shape[0]):
         tangent[i], distance[i] = ray_horizon(
-            height, cell_ceilings, row_blocks, col_blocks, highest, drop, frame, row, col, eye, azimuth[i]
+            height,
+            cell_ceilings,
+            row_blocks,
+            col_blocks,
+            highest,
+            drop,
+            frame,
+            row,
+            col,
+            eye,
+            azimuth[i],
+            guess[i],
         )
     return tangent, distance

@@ -5,9 +5,9 @@ frame's own errors of azimuth, tilt and roll. The sensors give each of them but 
 contour's elevations; a robust least-squares fit (Gauss-Newton, damped, Geman-McClure weights) finds the most probable values
 and their covariance.
 
-A column's uncertainty is its own sigma in the image and the DEM's error seen from afar: s metres at a distance of d metres are
-s / d radians. The error s is estimated from the residuals. Neighbouring columns see the same stretch of ridge, hence the same
-error: the correlation along the contour says how many columns are worth one independent one.
+A column's uncertainty is its own sigma in the image and the DEM's error seen from afar, which neighbouring columns share
+(`error_model`). How large that error is, is estimated from the residuals: robustly at first, from their median, to tell stray
+columns from others; then by its likelihood, together with how far it reaches along the ground.
 """
 
 from dataclasses import dataclass
@@ -18,6 +18,16 @@ from numpy.typing import NDArray
 from localizer.horizon.from_terrain import Terrain, horizon_around
 from localizer.observation import Observation
 from localizer.search.contours import FrameContour
+from localizer.search.error_model import (
+    SMALLEST_SMOOTH_M,
+    Columns,
+    ErrorModel,
+    Normal,
+    Range,
+    likely_models,
+    normal_equations,
+    whitened_cost,
+)
 from localizer.search.stage2 import SATURATION
 
 Floats = NDArray[np.float64]
@@ -25,17 +35,35 @@ Floats = NDArray[np.float64]
 EAST, NORTH, ALTITUDE, AZIMUTH_BIAS, TILT_BIAS, FIRST_FRAME = range(6)
 PER_FRAME = 3  # azimuth, tilt, roll
 SLOPE_STEP_RAD = np.radians(0.06)
-SETTLE_AT = (2, 4, 6, 9, 13)
-"""Iterations at which the error model is estimated anew."""
-SMALLEST_DEM_ERROR_M = 0.3
+SETTLE_AT = (2, 4, 6, 8, 10)
+"""Iterations at which the noise is estimated anew."""
+LIKELY_FROM = 8
+"""From this iteration on by its likelihood. Before, an error that reaches far would explain a place that is some way off."""
+SMALLEST_DEM_ERROR_M = 0.1
+LEAST_DAMPING, MOST_DAMPING = 1e-6, 50.0
+ENOUGH_GAIN = 2e-2
+"""A step that lowers the cost by less ends the fit."""
+SECANT_STEP_M = 0.5
 CHANCE_RAD = np.radians(3.0)
 """By how much skylines of unrelated places differ."""
+BLOCK_RAD = np.radians(6.0)
+"""By how much skylines of unrelated places differ, and over which stretch of the horizon by the same."""
 STRAY_SHARE = 0.1
-"""Columns that show something else than the terrain's skyline, to be expected anywhere."""
+"""Stretches that show something else than the terrain's skyline, to be expected anywhere."""
+FIRST_LENGTH_CELLS = 8.0
+"""How far a DEM's error is taken to reach along the ground until its likelihood tells: hardly, so that all columns count."""
+NEAR_CELLS = 2.0
+"""What rises above all else nearer than this no DEM can tell: such columns speak neither for a place nor against it."""
 LEAST_CORRELATION = 0.05
 """Where the correlation has fallen to this it is lost in its own noise."""
 LATERAL_SHARE = 0.5
 """A DEM errs sideways too; as a share of its vertical error."""
+BETWEEN_CELLS = 0.1
+"""How far the ground between a DEM's cells lies from its surface, as a share of what that bends from cell to cell."""
+SHIFT_PER_M = 1.5
+"""How far the place moves per metre of a DEM's smooth error, beyond what the fit tells."""
+LATTICE_SHARE = 0.015
+"""By so much of a cell the best place moves when the same cells are made into another surface."""
 GROUND_SHARE = 1.5
 """The ground under the camera is known less well than a ridge, which the profile of a whole mountain carries."""
 
@@ -45,7 +73,8 @@ class Refined:
     """A refined candidate.
 
     ``row``, ``col`` in lattice coordinates; ``covariance_enu_m2`` (2, 2) of true east and north; ``cost`` the negative
-    logarithm of the posterior but for a constant, ``log_volume`` half the logarithm of the determinant of the whole covariance;
+    logarithm of the posterior but for a constant, ``fit_cost`` the same under the error model that weighs the columns;
+    ``log_volume`` half the logarithm of the determinant of the whole covariance;
     ``evidence`` by how much (in logarithms) the terrain explains the contours better than chance does;
     ``misfit_per_column`` the mean of the columns' negative log-likelihood, which compares fits with different DEM errors;
     ``residual_px`` per frame label, over the columns that fit.
@@ -59,6 +88,7 @@ class Refined:
     frame_errors_deg: Floats
     covariance_enu_m2: Floats
     cost: float
+    fit_cost: float
     log_volume: float
     dem_error_m: float
     correlation_columns: float
@@ -67,6 +97,7 @@ class Refined:
     residual_px: dict[str, float]
     misfit_per_column: float
     evidence: float
+    error_model: ErrorModel
 
 
 class Problem:
@@ -83,6 +114,9 @@ class Problem:
         ]
         self.frame_of = np.repeat(np.arange(len(contours)), [len(c.rays) for c in self.contours])
         self.sigma_rad = np.concatenate([c.sigma_rad for c in self.contours])
+        self.order, self.step_rad = self._along_the_horizon()
+        self.blocks = self._blocks()
+        self.block_columns = max(len(block) for block in self.blocks)
         self.size = FIRST_FRAME + PER_FRAME * len(contours)
         prior = np.full(self.size, np.inf)
         prior[AZIMUTH_BIAS] = observation.azimuth_bias_sigma_deg
@@ -96,6 +130,29 @@ class Problem:
             )
         # A sigma of zero is a promise nobody keeps; a millidegree keeps the equations solvable.
         self.prior_sigma_deg = np.maximum(prior, 1e-3)
+
+    def _along_the_horizon(self) -> tuple[NDArray[np.int64], Floats]:
+        """All columns in the order of their azimuths, whichever frame they are in, and the steps between them (infinite first).
+
+        Frames that overlap see the same ridge, so that their columns are neighbours.
+        """
+        azimuth = np.concatenate(
+            [
+                c.directions(c.frame.azimuth_deg, c.frame.tilt_deg, c.frame.roll_deg)[0] % (2.0 * np.pi)
+                for c in self.contours
+            ]
+        )
+        order = np.argsort(azimuth, kind="stable")
+        step = np.diff(azimuth[order], prepend=azimuth[order[-1]] - 2.0 * np.pi)
+        widest = int(step.argmax())
+        order, step = np.roll(order, -widest), np.roll(step, -widest)
+        step[0] = np.inf
+        return order, step
+
+    def _blocks(self) -> list[NDArray[np.int64]]:
+        """The columns (indices) in each stretch of BLOCK_RAD that any frame sees."""
+        place = np.cumsum(np.where(np.isfinite(self.step_rad), self.step_rad, 0.0)) // BLOCK_RAD
+        return np.split(self.order, np.flatnonzero(np.diff(place)) + 1)
 
     def directions(self, x: Floats) -> tuple[Floats, Floats, Floats]:
         """Azimuth and elevation (n,) in radians under the biases in ``x``, and their derivatives by tilt and roll (n, 4)."""
@@ -127,11 +184,16 @@ class Problem:
 
 
 @dataclass(frozen=True)
-class ErrorModel:
-    """The DEM's error in metres, and how many neighbouring columns are worth one independent one."""
+class Noise:
+    """What the residuals are made of.
 
-    dem_error_m: float
+    ``spread_m`` is the DEM's error for which the median residual is what it should be, ``correlation_columns`` how many
+    neighbouring columns are worth one independent one: they tell stray columns and chance. ``model`` weighs the columns.
+    """
+
+    spread_m: float
     correlation_columns: float
+    model: ErrorModel
 
 
 @dataclass
@@ -140,8 +202,12 @@ class _Evaluation:
     jacobian: Floats
     distance: Floats
     slope: Floats
+    dem_error_share: Floats
+    """What the DEM's error is to be multiplied by where the horizon lies."""
     ground_m: float
     ground_gradient: Floats
+    ground_sigma_m: float
+    """How uncertain the ground under the camera is even where the DEM's cells are right."""
 
 
 def refine(
@@ -152,62 +218,146 @@ def refine(
     azimuth_bias_deg: float,
     *,
     iterations: int,
-    dem_error_m: float,
+    noise: Noise,
     largest_dem_error_m: float,
     settle: bool,
-    correlation_columns: float = 1.0,
+    likely_from: int = LIKELY_FROM,
 ) -> Refined:
     """Fit from a cell to the sub-cell optimum near it.
 
-    ``dem_error_m`` is the DEM's error to begin with, ``correlation_columns`` how many columns are worth one. With ``settle``
-    both are estimated from the residuals as the fit proceeds, the former up to ``largest_dem_error_m``; else they are held.
+    ``noise`` is what the residuals are taken for to begin with. With ``settle`` it is estimated from them as the fit proceeds,
+    the DEM's error up to ``largest_dem_error_m``, from iteration ``likely_from`` on by its likelihood; else it is held.
     """
     x = np.zeros(problem.size)
     x[ALTITUDE], x[AZIMUTH_BIAS] = altitude_m, azimuth_bias_deg
     origin = (row, col)
     frame = problem.terrain.frames.at(np.array([row]), np.array([col]))[0]
-    model = ErrorModel(dem_error_m, correlation_columns)
-    damping = 1e-3
+    damping = LEAST_DAMPING
     here = _evaluate(problem, x, origin, frame)
+    telling = _telling(problem, here)
     for iteration in range(iterations):
         if settle and iteration in SETTLE_AT:
-            model = _error_model(problem, here, largest_dem_error_m)
-        sigma = _sigma(problem, here, model.dem_error_m)
-        cost = _cost(problem, x, here, sigma, model)
-        hessian, gradient = _normal_equations(problem, x, here, sigma, model)
-        for _ in range(5):
-            step = -np.linalg.solve(hessian + damping * np.diag(np.diag(hessian)), gradient)
-            far = float(np.hypot(step[EAST], step[NORTH])) / (1.5 * problem.terrain.cell_m)
-            trial = x + step / max(1.0, far)
-            there = _evaluate(problem, trial, origin, frame)
-            gain = cost - _cost(problem, trial, there, sigma, model)
-            if gain > 0.0:
+            telling = _telling(problem, here)
+            noise = _noise(problem, x, here, telling, noise, largest_dem_error_m, iteration >= likely_from)
+        weight = _weights(telling, here.residual / _sigma(problem, here, noise.spread_m))
+        gain = 0.0
+        for by_secants in (False, True):
+            if by_secants:
+                # Where the horizon leaps from ridge to ridge the tangent misleads.
+                here.jacobian[:, :AZIMUTH_BIAS] = _secants(problem, x, origin, frame, here.distance)
+                damping = LEAST_DAMPING
+            columns = _columns(problem, x, here, noise.model, weight)
+            normal = normal_equations(columns, noise.model)
+            cost = normal.cost + _prior_cost(problem, x, here, noise.model)
+            while damping < MOST_DAMPING:
+                damped = normal.curvature + damping * np.diag(np.diag(normal.curvature))
+                step = -np.linalg.solve(damped, normal.slope)
+                far = float(np.hypot(step[EAST], step[NORTH])) / (1.5 * problem.terrain.cell_m)
+                trial = x + step / max(1.0, far)
+                there = _evaluate(problem, trial, origin, frame, here.distance)
+                columns = _columns(problem, trial, there, noise.model, weight)
+                gain = (
+                    cost
+                    - whitened_cost(columns, noise.model)
+                    - _prior_cost(problem, trial, there, noise.model)
+                )
+                if gain > 0.0:
+                    break
+                damping *= 8.0
+            if gain > ENOUGH_GAIN or iterations <= LIKELY_FROM or iteration < SETTLE_AT[-1]:
                 break
-            damping = max(damping, 1e-3) * 8.0
-        else:
+        if gain > 0.0:
+            x, here = trial, there
+        damping = max(damping * 0.1, LEAST_DAMPING) if damping < MOST_DAMPING else LEAST_DAMPING
+        if gain < ENOUGH_GAIN and not (settle and iterations > LIKELY_FROM and iteration < SETTLE_AT[-1]):
             break
-        x, here = trial, there
-        damping = max(damping * 0.2, 1e-6)
-        if gain < 1e-3 and iteration > SETTLE_AT[-1]:
-            break
+    finish = iterations > LIKELY_FROM
     if settle:
-        model = _error_model(problem, here, largest_dem_error_m)
-    return _result(problem, x, here, model, origin, frame)
+        telling = _telling(problem, here)
+        noise = _noise(problem, x, here, telling, noise, largest_dem_error_m, finish)
+    return _result(problem, x, here, noise, origin, frame, largest_dem_error_m if settle and finish else None)
 
 
-def _evaluate(problem: Problem, x: Floats, origin: tuple[float, float], frame: Floats) -> _Evaluation:
-    """Residuals (n,) in radians and their derivatives (n, parameters) by metres and degrees."""
+def places_around(
+    problem: Problem, start: Refined, noise: Noise, reach_cells: float, step_cells: float, keep: int
+) -> list[tuple[float, float, float]]:
+    """Row, column and altitude of the ``keep`` likeliest places on a lattice around a fit, no two of them neighbours.
+
+    Close to hills the horizon leaps from rise to rise as one moves, and each leap may stop a descent: so one looks about. At
+    each place all but the place itself is fitted in one step.
+    """
     terrain = problem.terrain
-    row, col = _lattice(x, origin, frame)
+    frame = terrain.frames.at(np.array([start.row]), np.array([start.col]))[0]
+    x = np.concatenate(
+        [
+            [0.0, 0.0, start.altitude_m, start.azimuth_bias_deg, start.tilt_bias_deg],
+            start.frame_errors_deg.ravel(),
+        ]
+    )
+    origin = (start.row, start.col)
+    ticks = np.arange(-reach_cells, reach_cells + 1e-9, step_cells) * terrain.cell_m
+    here = _evaluate(problem, x, origin, frame)
+    telling = _telling(problem, here)
+    found: list[tuple[float, Floats]] = []
+    for east in ticks:
+        for north in ticks:
+            moved = x.copy()
+            moved[EAST], moved[NORTH] = east, north
+            ground, _ = _ground(problem, moved, origin, frame)
+            if not np.isfinite(ground):
+                continue
+            if np.isfinite(here.ground_m):
+                moved[ALTITUDE] += ground - here.ground_m
+            there = _evaluate(problem, moved, origin, frame, here.distance)
+            normalised = there.residual / _sigma(problem, there, noise.spread_m)
+            columns = _columns(problem, moved, there, noise.model, _weights(telling, normalised))
+            normal = normal_equations(columns, noise.model)
+            step = np.linalg.solve(normal.curvature[ALTITUDE:, ALTITUDE:], normal.slope[ALTITUDE:])
+            lost = _robust(normalised[telling]) - 0.5 * normalised[telling] ** 2 * _weights(
+                telling[telling], normalised[telling]
+            )
+            cost = (
+                normal.cost
+                + _prior_cost(problem, moved, there, noise.model)
+                - 0.5 * float(normal.slope[ALTITUDE:] @ step)
+                + float(lost.sum()) / noise.correlation_columns
+            )
+            moved[ALTITUDE:] -= step
+            found.append((cost, moved))
+    found.sort(key=lambda entry: entry[0])
+    kept: list[Floats] = []
+    for _, place in found:
+        apart_m = [float(np.hypot(place[EAST] - k[EAST], place[NORTH] - k[NORTH])) for k in kept]
+        if min(apart_m, default=np.inf) > 1.5 * step_cells * terrain.cell_m:
+            kept.append(place)
+    return [(*_place(k, origin, frame), float(k[ALTITUDE])) for k in kept[:keep]]
+
+
+def usual_noise(terrain: Terrain, dem_error_m: float) -> Noise:
+    """What the residuals are taken for before there are any."""
+    return Noise(
+        dem_error_m, 1.0, ErrorModel(dem_error_m, SMALLEST_SMOOTH_M, FIRST_LENGTH_CELLS * terrain.cell_m)
+    )
+
+
+def _evaluate(
+    problem: Problem, x: Floats, origin: tuple[float, float], frame: Floats, near: Floats | None = None
+) -> _Evaluation:
+    """Residuals (n,) in radians and their derivatives (n, parameters) by metres and degrees.
+
+    ``near``: distances (n,) of the horizon from a place nearby.
+    """
+    terrain = problem.terrain
+    row, col = _place(x, origin, frame)
     ground, gradient = _ground(problem, x, origin, frame)
     eye = max(x[ALTITUDE], ground + 0.3) if np.isfinite(ground) else x[ALTITUDE]
     azimuth, elevation, attitude = problem.directions(x)
     frame_of = problem.frame_of
-    rays = np.concatenate([azimuth, azimuth + SLOPE_STEP_RAD])
-    tangent, distance = horizon_around(terrain, row, col, eye, rays)
+    tangent, distance = horizon_around(terrain, row, col, eye, azimuth, near)
+    tangent_beside, _ = horizon_around(terrain, row, col, eye, azimuth + SLOPE_STEP_RAD, distance)
     n = len(azimuth)
-    seen, beside = np.arctan(tangent).reshape(2, n)
-    d = np.where(np.isfinite(distance[:n]), distance[:n], 1.0)
+    seen, beside = np.arctan(tangent), np.arctan(tangent_beside)
+    d = np.where(np.isfinite(distance), distance, 1.0)
     slope = (beside - seen) / SLOPE_STEP_RAD
     residual = elevation - seen
     cos2 = np.cos(seen) ** 2
@@ -226,13 +376,34 @@ def _evaluate(problem: Problem, x: Floats, origin: tuple[float, float], frame: F
     jacobian[index, FIRST_FRAME + PER_FRAME * frame_of] = slope * per_degree
     jacobian[index, FIRST_FRAME + PER_FRAME * frame_of + 1] = by_tilt
     jacobian[index, FIRST_FRAME + PER_FRAME * frame_of + 2] = by_roll
-    return _Evaluation(residual, jacobian, d, slope, ground, gradient)
+    row_h, col_h = _lattice(d * np.sin(azimuth), d * np.cos(azimuth), (row, col), frame)
+    share = np.sqrt(1.0 + terrain.roughness_at(row_h, col_h) ** 2)
+    bend_m = terrain.mean_bend_m * float(terrain.roughness_at(np.array([row]), np.array([col]))[0])
+    own = float(np.hypot(BETWEEN_CELLS * bend_m, 0.1))
+    return _Evaluation(residual, jacobian, d, slope, share, ground, gradient, own)
 
 
-def _lattice(x: Floats, origin: tuple[float, float], frame: Floats) -> tuple[float, float]:
-    e, n = x[EAST], x[NORTH]
+def _secants(problem: Problem, x: Floats, origin: tuple[float, float], frame: Floats, near: Floats) -> Floats:
+    """Derivatives (n, 3) of the residuals by place and altitude, over steps of SECANT_STEP_M to either side."""
+    columns = []
+    for parameter in (EAST, NORTH, ALTITUDE):
+        step = np.zeros(problem.size)
+        step[parameter] = SECANT_STEP_M
+        ahead = _evaluate(problem, x + step, origin, frame, near).residual
+        behind = _evaluate(problem, x - step, origin, frame, near).residual
+        columns.append((ahead - behind) / (2.0 * SECANT_STEP_M))
+    return np.column_stack(columns)
+
+
+def _lattice(e: Floats, n: Floats, origin: tuple[float, float], frame: Floats) -> tuple[Floats, Floats]:
+    """Row and column of what lies e metres east and n north of a place; frames a few cells away are the same."""
     terms = np.array([e, n, e * e, e * n, n * n])
-    return origin[0] + float(frame[0] @ terms), origin[1] + float(frame[1] @ terms)
+    return origin[0] + frame[0] @ terms, origin[1] + frame[1] @ terms
+
+
+def _place(x: Floats, origin: tuple[float, float], frame: Floats) -> tuple[float, float]:
+    row, col = _lattice(x[EAST], x[NORTH], origin, frame)
+    return float(row), float(col)
 
 
 def _ground(problem: Problem, x: Floats, origin: tuple[float, float], frame: Floats) -> tuple[float, Floats]:
@@ -242,7 +413,7 @@ def _ground(problem: Problem, x: Floats, origin: tuple[float, float], frame: Flo
     places = []
     for east, north in steps:
         moved = np.array([x[EAST] + east, x[NORTH] + north])
-        places.append(_lattice(moved, origin, frame))
+        places.append(_place(moved, origin, frame))
     z = problem.terrain.dem.ground_m(np.array([p[0] for p in places]), np.array([p[1] for p in places]))
     gradient = np.array([z[1] - z[2], z[3] - z[4]]) / (2.0 * half)
     return float(z[0]), np.where(np.isfinite(gradient), gradient, 0.0)
@@ -254,13 +425,19 @@ def _sigma(problem: Problem, here: _Evaluation, s: float) -> Floats:
     return np.asarray(
         np.sqrt(
             problem.sigma_rad**2 * (1.0 + slope2)
-            + (s / here.distance) ** 2 * (1.0 + LATERAL_SHARE**2 * slope2)
+            + (s * here.dem_error_share / here.distance) ** 2 * (1.0 + LATERAL_SHARE**2 * slope2)
         )
     )
 
 
-def _weights(normalised: Floats) -> Floats:
-    return np.asarray(1.0 / (1.0 + (normalised / SATURATION) ** 2) ** 2)
+def _telling(problem: Problem, here: _Evaluation) -> NDArray[np.bool_]:
+    """Columns (n,) whose horizon is far enough for the DEM to know it."""
+    return np.asarray(here.distance >= NEAR_CELLS * problem.terrain.cell_m)
+
+
+def _weights(telling: NDArray[np.bool_], normalised: Floats) -> Floats:
+    """Between 1 for a column that fits and nothing for a stray one (Geman-McClure)."""
+    return np.asarray(telling / (1.0 + (normalised / SATURATION) ** 2) ** 2)
 
 
 def _priors(problem: Problem, x: Floats, here: _Evaluation, s: float) -> tuple[Floats, Floats]:
@@ -270,7 +447,7 @@ def _priors(problem: Problem, x: Floats, here: _Evaluation, s: float) -> tuple[F
     rows = [np.diag(1.0 / problem.prior_sigma_deg)[known]]
     o = problem.observation
     if np.isfinite(here.ground_m):
-        sigma = np.hypot(GROUND_SHARE * s, 0.3)
+        sigma = np.hypot(GROUND_SHARE * s, here.ground_sigma_m)
         misfit.append(np.array([(x[ALTITUDE] - o.mast_height_m - here.ground_m) / sigma]))
         row = np.zeros((1, problem.size))
         row[0, ALTITUDE], row[0, EAST], row[0, NORTH] = 1.0, *(-here.ground_gradient)
@@ -288,55 +465,105 @@ def _robust(normalised: Floats) -> Floats:
     return np.asarray(0.5 * squared / (1.0 + squared / SATURATION**2))
 
 
-def _cost(problem: Problem, x: Floats, here: _Evaluation, sigma: Floats, model: ErrorModel) -> float:
-    misfit, _ = _priors(problem, x, here, model.dem_error_m)
-    return float(_robust(here.residual / sigma).sum() / model.correlation_columns + 0.5 * (misfit**2).sum())
+def _prior_cost(problem: Problem, x: Floats, here: _Evaluation, model: ErrorModel) -> float:
+    misfit, _ = _priors(problem, x, here, model.size_m)
+    return 0.5 * float((misfit**2).sum())
 
 
-def _normal_equations(
-    problem: Problem, x: Floats, here: _Evaluation, sigma: Floats, model: ErrorModel
-) -> tuple[Floats, Floats]:
-    weight = _weights(here.residual / sigma) / sigma**2 / model.correlation_columns
-    misfit, rows = _priors(problem, x, here, model.dem_error_m)
-    hessian = (here.jacobian * weight[:, None]).T @ here.jacobian + rows.T @ rows
-    gradient = here.jacobian.T @ (weight * here.residual) + rows.T @ misfit
-    return hessian + 1e-12 * np.eye(problem.size), gradient
+def _columns(problem: Problem, x: Floats, here: _Evaluation, model: ErrorModel, weight: Floats) -> Columns:
+    """The columns along the horizon and the priors, for the error model; stray columns (of small ``weight``) count as noisy."""
+    order = problem.order
+    slope2 = np.minimum(here.slope**2, 25.0)
+    distance = here.distance[order]
+    across = 0.5 * (distance + np.roll(distance, 1)) * problem.step_rad
+    misfit, rows = _priors(problem, x, here, model.size_m)
+    return Columns(
+        residual=here.residual[order],
+        jacobian=here.jacobian[order],
+        white=(problem.sigma_rad**2 * (1.0 + slope2) / np.maximum(weight, 1e-6))[order],
+        per_m=(np.sqrt(1.0 + LATERAL_SHARE**2 * slope2) * here.dem_error_share / here.distance)[order],
+        step_m=np.hypot(across, distance - np.roll(distance, 1)),
+        cell_m=problem.terrain.cell_m,
+        prior=rows.T @ rows + 1e-12 * np.eye(problem.size),
+        pull=rows.T @ misfit,
+    )
 
 
-def _evidence(normalised: Floats, sigma: Floats) -> float:
-    """Sum over the columns of the logarithm of how much likelier they are from this place than by chance.
+def _evidence(problem: Problem, here: _Evaluation, telling: NDArray[np.bool_], sigma: Floats) -> float:
+    """Logarithm of how much likelier the contours are from this place than from an unrelated one.
 
-    A column may be a stray one, no matter where the camera stands; then it speaks neither for the place nor against it.
+    From an unrelated place a skyline is off by CHANCE_RAD, and by about the same over a BLOCK_RAD of the horizon: each block is
+    one witness. It may be a stray one, no matter where the camera stands; then it speaks neither for the place nor against it.
     """
-    likelier = np.exp(-0.5 * normalised**2) * CHANCE_RAD / sigma
-    return float(np.log((1.0 - STRAY_SHARE) * likelier + STRAY_SHARE).sum())
+    normalised = here.residual / sigma
+    total = 0.0
+    for block in problem.blocks:
+        known = block[telling[block]]
+        if len(known) == 0:
+            continue
+        size = float(np.median(np.abs(normalised[known])))
+        likelier = CHANCE_RAD / np.exp(np.log(sigma[known]).mean()) * np.exp(-0.5 * (size / 0.6745) ** 2)
+        total += (
+            len(known) / problem.block_columns * float(np.log((1.0 - STRAY_SHARE) * likelier + STRAY_SHARE))
+        )
+    return total
 
 
-def _error_model(problem: Problem, here: _Evaluation, largest_dem_error_m: float) -> ErrorModel:
-    s = _dem_error(problem, here, largest_dem_error_m)
-    return ErrorModel(s, _correlation(problem, here.residual / _sigma(problem, here, s)))
+def _noise(
+    problem: Problem,
+    x: Floats,
+    here: _Evaluation,
+    telling: NDArray[np.bool_],
+    before: Noise,
+    largest_dem_error_m: float,
+    by_likelihood: bool,
+) -> Noise:
+    spread_m = _dem_error(problem, here, telling, largest_dem_error_m)
+    normalised = here.residual / _sigma(problem, here, spread_m)
+    within = _range(problem, largest_dem_error_m)
+    if not by_likelihood:
+        # All of it taken for rough, so that no stretch of the horizon is explained away.
+        length_m = FIRST_LENGTH_CELLS * problem.terrain.cell_m
+        model = ErrorModel(max(spread_m, within.least_rough_m), SMALLEST_SMOOTH_M, length_m)
+    else:
+        columns = _columns(problem, x, here, before.model, _weights(telling, normalised))
+        start = ErrorModel(
+            max(0.5 * before.model.rough_m, within.least_rough_m),
+            max(before.model.smooth_m, 0.5 * spread_m, SMALLEST_SMOOTH_M),
+            before.model.length_m,
+        )
+        model = likely_models(columns, start, within)[0][0]
+    return Noise(spread_m, _correlation(problem, telling, normalised), model)
 
 
-def _dem_error(problem: Problem, here: _Evaluation, largest: float) -> float:
+def _range(problem: Problem, largest_dem_error_m: float) -> Range:
+    """No DEM is better than what the terrain does between its cells."""
+    terrain = problem.terrain
+    return Range(terrain.cell_m, 0.5 * BETWEEN_CELLS * terrain.mean_bend_m + 0.01, largest_dem_error_m)
+
+
+def _dem_error(problem: Problem, here: _Evaluation, telling: NDArray[np.bool_], largest: float) -> float:
     """The DEM's error for which the median residual is what a Gaussian's is (0.6745 sigma)."""
-    size = np.abs(here.residual)
+    if not telling.any():
+        return largest
+    size = np.abs(here.residual[telling])
     low, high = SMALLEST_DEM_ERROR_M, largest
-    if np.median(size / _sigma(problem, here, low)) <= 0.6745:
+    if np.median(size / _sigma(problem, here, low)[telling]) <= 0.6745:
         return low
     for _ in range(30):
         middle = np.sqrt(low * high)
-        if np.median(size / _sigma(problem, here, middle)) > 0.6745:
+        if np.median(size / _sigma(problem, here, middle)[telling]) > 0.6745:
             low = middle
         else:
             high = middle
     return float(high)
 
 
-def _correlation(problem: Problem, normalised: Floats) -> float:
+def _correlation(problem: Problem, telling: NDArray[np.bool_], normalised: Floats) -> float:
     """How many columns are worth one: one plus twice the sum of the correlations along the contours, 1 for white noise."""
-    value = normalised * np.sqrt(_weights(normalised))
+    value = normalised * np.sqrt(_weights(telling, normalised))
     frames = [value[problem.frame_of == i] for i in range(len(problem.contours))]
-    power = float((value**2).mean())
+    power = max(float((value**2).mean()), 1e-12)
     total = 1.0
     for lag in range(1, max(len(v) for v in frames) // 3):
         products = np.concatenate([v[lag:] * v[:-lag] for v in frames if len(v) > lag])
@@ -351,18 +578,34 @@ def _result(
     problem: Problem,
     x: Floats,
     here: _Evaluation,
-    model: ErrorModel,
+    noise: Noise,
     origin: tuple[float, float],
     frame: Floats,
+    largest_dem_error_m: float | None,
 ) -> Refined:
-    sigma = _sigma(problem, here, model.dem_error_m)
+    telling = _telling(problem, here)
+    sigma = _sigma(problem, here, noise.spread_m)
     normalised = here.residual / sigma
-    hessian, _ = _normal_equations(problem, x, here, sigma, model)
-    covariance = np.asarray(np.linalg.inv(hessian), np.float64)
-    misfit, _ = _priors(problem, x, here, model.dem_error_m)
-    surprise = _robust(normalised) + np.log(sigma)
-    row, col = _lattice(x, origin, frame)
-    inside = np.abs(normalised) < 3.0
+    columns = _columns(problem, x, here, noise.model, _weights(telling, normalised))
+    if largest_dem_error_m is None:
+        normal = normal_equations(columns, noise.model)
+        covariance = np.asarray(np.linalg.inv(normal.curvature), np.float64)
+    else:
+        covariance = _averaged_covariance(
+            likely_models(columns, noise.model, _range(problem, largest_dem_error_m))
+        )
+    misfit, _ = _priors(problem, x, here, noise.spread_m)
+    lost = _robust(normalised[telling]) - 0.5 * normalised[telling] ** 2 * _weights(
+        telling[telling], normalised[telling]
+    )
+    fit_cost = (
+        whitened_cost(columns, noise.model)
+        + _prior_cost(problem, x, here, noise.model)
+        + float(lost.sum()) / noise.correlation_columns
+    )
+    surprise = np.where(telling, _robust(normalised) + np.log(sigma), np.log(CHANCE_RAD))
+    row, col = _place(x, origin, frame)
+    inside = telling & (np.abs(normalised) < 3.0)
     residual_px = {}
     for i, contour in enumerate(problem.contours):
         mine = problem.frame_of == i
@@ -377,17 +620,38 @@ def _result(
         azimuth_bias_deg=float(x[AZIMUTH_BIAS]),
         tilt_bias_deg=float(x[TILT_BIAS]),
         frame_errors_deg=x[FIRST_FRAME:].reshape(-1, PER_FRAME),
-        covariance_enu_m2=covariance[:2, :2],
-        cost=float(surprise.sum() / model.correlation_columns + 0.5 * (misfit**2).sum()),
+        covariance_enu_m2=covariance[:2, :2] + np.eye(2) * _shift_sigma_m(problem, noise.model) ** 2,
+        cost=float(surprise.sum() / noise.correlation_columns + 0.5 * (misfit**2).sum()),
+        fit_cost=fit_cost,
         log_volume=0.5 * float(np.linalg.slogdet(covariance)[1]),
-        dem_error_m=model.dem_error_m,
-        correlation_columns=model.correlation_columns,
-        inlier_share=float(inside.mean()),
+        dem_error_m=noise.spread_m,
+        correlation_columns=noise.correlation_columns,
+        inlier_share=float(inside.sum() / max(telling.sum(), 1)),
         prior_chi2=float((misfit**2).sum()),
         residual_px=residual_px,
         misfit_per_column=float(surprise.mean()),
-        evidence=_evidence(normalised, sigma) / model.correlation_columns,
+        evidence=_evidence(problem, here, telling, sigma),
+        error_model=noise.model,
     )
+
+
+def _shift_sigma_m(problem: Problem, model: ErrorModel) -> float:
+    """By how much a DEM's errors shift the best place beyond what the linearised fit says: one sigma in each direction.
+
+    The posterior has several narrow peaks where near hills hide and show each other, and a smooth error tilts all that is near.
+    """
+    return float(np.hypot(LATTICE_SHARE * problem.terrain.cell_m, SHIFT_PER_M * model.smooth_m))
+
+
+def _averaged_covariance(models: list[tuple[ErrorModel, Normal]]) -> Floats:
+    """Of the parameters, over the models that the residuals leave possible: the fit moves with the model, too."""
+    evidence = np.array([normal.log_evidence for _, normal in models])
+    share = np.exp(evidence - evidence.max())
+    share /= share.sum()
+    covariance = np.array([np.linalg.inv(normal.curvature) for _, normal in models])
+    shift = np.array([-c @ normal.slope for c, (_, normal) in zip(covariance, models, strict=True)])
+    shift -= share @ shift
+    return np.asarray(np.einsum("m,mij->ij", share, covariance) + (share[:, None] * shift).T @ shift)
 
 
 def _wrapped(radians: Floats) -> Floats:

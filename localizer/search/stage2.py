@@ -110,6 +110,7 @@ def _disparities(
     for n in numba.prange(cells):
         horizon = np.empty(columns)
         distance = np.empty(columns)
+        s = np.nan
         for m in range(columns):
             tangent, s = ray_horizon(
                 height,
@@ -123,6 +124,7 @@ def _disparities(
                 col[n],
                 eye[n],
                 world[m] * step,
+                s,
             )
             horizon[m] = np.arctan(tangent)
             distance[m] = s

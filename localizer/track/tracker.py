@@ -56,7 +56,7 @@ INSIDE = 0.9
 """Of its radius: a place nearer its edge may only be the way to one outside."""
 WIDEST_RADIUS_SHARE = 0.25
 """Of the DEM's side: a wider circle saves nothing."""
-EVIDENCE_KEPT, EVIDENCE_ENOUGH = 0.5, 2.0 * CERTAIN_EVIDENCE
+EVIDENCE_KEPT, EVIDENCE_ENOUGH = 0.95, 2.0 * CERTAIN_EVIDENCE
 """A true place explains one look about as well as the next; one found near a wrong place explains less. A search near by needs
 that share of the last look's evidence or that much of its own, or the whole DEM is asked."""
 

@@ -18,7 +18,7 @@ from localizer.horizon.from_terrain import Terrain, horizon, prepare_terrain
 from localizer.locate import fix_of, locate
 from localizer.observation import FrameObservation, Observation, PriorCircle
 from localizer.search.contours import frame_contour, measured_skyline
-from localizer.search.refine import Problem, refine
+from localizer.search.refine import Problem, refine, usual_noise
 from localizer.search.stage1 import bands, half_cell_relief, heading_offsets_deg, search_stage1
 
 SANTA_CRUZ = Path(__file__).parents[2] / "sim" / "terrain" / "santa_cruz_srtm_1s.tif"
@@ -93,7 +93,10 @@ def test_the_place_is_found_within_a_small_part_of_a_cell(terrain):
 
 
 def test_the_error_agrees_with_the_covariance(terrain):
-    """Squared errors in units of the covariance average to the two dimensions of the place."""
+    """Squared errors in units of the covariance average to at most the two dimensions of the place.
+
+    They stay below here: the covariance allows for what lies between the cells, and these contours are of the searched surface.
+    """
     squares = []
     for seed in range(6):
         located = locate(terrain, observe(terrain, noise_px=2.0, seed=seed))
@@ -101,7 +104,7 @@ def test_the_error_agrees_with_the_covariance(terrain):
         dem = terrain.dem
         off = np.array([(best.col - PLACE[1]) * dem.spacing_ew_m, (PLACE[0] - best.row) * dem.spacing_ns_m])
         squares.append(off @ np.linalg.solve(best.covariance_enu_m2, off))
-    assert 0.3 < np.mean(squares) < 5.0
+    assert 0.1 < np.mean(squares) < 4.0
 
 
 def test_stage_one_keeps_the_true_cell_and_counts_what_it_did(terrain):
@@ -237,7 +240,7 @@ def test_refinement_comes_home_from_two_cells_away(terrain):
         eye,
         0.0,
         iterations=25,
-        dem_error_m=6.0,
+        noise=usual_noise(terrain, 6.0),
         largest_dem_error_m=12.0,
         settle=True,
     )

@@ -1,0 +1,233 @@
+"""What makes the terrain's skyline differ from the one in the pictures, and how that is correlated along the ridges.
+
+A column's residual is the sum of three errors. The contour's own is independent from column to column. The other two are the
+DEM's: s metres seen from a distance of d metres are s / d radians. What the terrain does between the cells is forgotten in a
+cell (an Ornstein-Uhlenbeck process along the ground); what is wrong with the cells themselves goes on smoothly for many of them
+(a Matern process of smoothness 3/2). So a near ridge, which fills many columns with the same few cells, counts for little. Such
+processes plus white noise are whitened exactly by a Kalman filter of three states (Hartikainen and Särkkä, 2010).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from localizer.jit import kernel
+
+Floats = NDArray[np.float64]
+
+SIZE_STEP, LENGTH_STEP = 1.6, 2.0
+"""Neighbouring models differ by these factors."""
+SMALLEST_SMOOTH_M = 0.05
+LENGTHS_CELLS = (2.0, 64.0)
+MOST_MODELS = 60
+NEGLIGIBLE = 1e-3
+"""Models less likely than the best one by this factor are left out of the average."""
+_AROUND = (
+    *((-1, 0, 0), (1, 0, 0), (0, -1, 0), (0, 1, 0), (0, 0, -1), (0, 0, 1)),
+    *((0, 1, 1), (0, -1, -1), (-1, 1, 0), (1, -1, 0)),
+)
+
+
+@dataclass(frozen=True)
+class ErrorModel:
+    """The DEM's error.
+
+    Attributes:
+        rough_m: standard deviation of what lies between the cells.
+        smooth_m: standard deviation of what is wrong with the cells.
+        length_m: how far the latter is correlated along the ground.
+    """
+
+    rough_m: float
+    smooth_m: float
+    length_m: float
+
+    @property
+    def size_m(self) -> float:
+        """Standard deviation of both together."""
+        return float(np.hypot(self.rough_m, self.smooth_m))
+
+
+@dataclass(frozen=True)
+class Range:
+    """What error models are thought of for a DEM of a certain cell size."""
+
+    cell_m: float
+    least_rough_m: float
+    largest_m: float
+
+    def admits(self, model: ErrorModel) -> bool:
+        """Whether a model lies in the range."""
+        shortest, longest = LENGTHS_CELLS
+        return (
+            self.least_rough_m <= model.rough_m <= self.largest_m
+            and SMALLEST_SMOOTH_M <= model.smooth_m <= self.largest_m
+            and shortest <= model.length_m / self.cell_m <= longest
+        )
+
+
+@dataclass(frozen=True)
+class Columns:
+    """What is known of n columns in the order of their azimuths, and of p parameters.
+
+    Attributes:
+        residual: (n,) radians.
+        jacobian: (n, p) its derivatives.
+        white: (n,) variances of what is independent in each column.
+        per_m: (n,) radians per metre of the DEM's error.
+        step_m: (n,) way along the ground from the column before; infinite where there is none.
+        cell_m: how far the rough part of the DEM's error reaches.
+        prior: (p, p) curvature of the negative logarithm of the parameters' prior.
+        pull: (p,) its slope.
+    """
+
+    residual: Floats
+    jacobian: Floats
+    white: Floats
+    per_m: Floats
+    step_m: Floats
+    cell_m: float
+    prior: Floats
+    pull: Floats
+
+
+@dataclass(frozen=True)
+class Normal:
+    """The parameters' posterior under one model: curvature (p, p), slope (p,), and the cost of where they are.
+
+    ``log_evidence``: logarithm of the likelihood with the parameters integrated out, but for a constant.
+    """
+
+    curvature: Floats
+    slope: Floats
+    cost: float
+    log_evidence: float
+
+
+def normal_equations(columns: Columns, model: ErrorModel) -> Normal:
+    """Generalised least squares; the cost is half the sum of the whitened squares, priors left out."""
+    both = np.column_stack([columns.jacobian, columns.residual])
+    log_scale = _whitened(both, columns, model)
+    product = both.T @ both
+    curvature = product[:-1, :-1] + columns.prior
+    slope = product[:-1, -1] + columns.pull
+    cost = 0.5 * float(product[-1, -1])
+    sign, log_determinant = np.linalg.slogdet(curvature)
+    gain = 0.5 * float(slope @ np.linalg.solve(curvature, slope)) if sign > 0 else -np.inf
+    return Normal(curvature, slope, cost, gain - cost - log_scale - 0.5 * float(log_determinant))
+
+
+def whitened_cost(columns: Columns, model: ErrorModel) -> float:
+    """Half the sum of the squares of the whitened residuals."""
+    residual = columns.residual[:, None].copy()
+    _whitened(residual, columns, model)
+    return 0.5 * float((residual**2).sum())
+
+
+def likely_models(columns: Columns, start: ErrorModel, within: Range) -> list[tuple[ErrorModel, Normal]]:
+    """The most likely model near ``start`` and those about it that are not negligible, the best first.
+
+    Climbs on a grid of models, evenly spaced in the logarithms of the sizes and the length.
+    """
+    found: dict[tuple[int, ...], tuple[ErrorModel, Normal] | None] = {}
+
+    def look(at: tuple[int, ...]) -> float:
+        if at not in found:
+            model = ErrorModel(
+                start.rough_m * SIZE_STEP ** at[0],
+                start.smooth_m * SIZE_STEP ** at[1],
+                start.length_m * LENGTH_STEP ** at[2],
+            )
+            admitted = within.admits(model) or not any(at)
+            found[at] = (model, normal_equations(columns, model)) if admitted else None
+        entry = found[at]
+        return entry[1].log_evidence if entry else -np.inf
+
+    here: tuple[int, ...] = (0, 0, 0)
+    look(here)
+    while len(found) < MOST_MODELS:
+        around = [tuple(np.add(here, step).tolist()) for step in _AROUND]
+        best = max(around, key=look)
+        if look(best) <= look(here):
+            break
+        here = best
+    seen = [entry for entry in found.values() if entry]
+    seen.sort(key=lambda entry: -entry[1].log_evidence)
+    least = seen[0][1].log_evidence + np.log(NEGLIGIBLE)
+    return [entry for entry in seen if entry[1].log_evidence >= least]
+
+
+def _whitened(values: Floats, columns: Columns, model: ErrorModel) -> float:
+    return _whiten(
+        values,
+        columns.white,
+        columns.per_m,
+        model.rough_m,
+        model.smooth_m,
+        columns.step_m / columns.cell_m,
+        np.sqrt(3.0) * columns.step_m / model.length_m,
+    )
+
+
+@kernel()
+def _whiten(
+    values: Floats,
+    white: Floats,
+    per_m: Floats,
+    rough: float,
+    smooth: float,
+    rough_step: Floats,
+    smooth_step: Floats,
+) -> float:
+    """Turn each column of ``values`` (n, k) into innovations of unit variance; half the logarithm of the determinant undone.
+
+    States: the rough process; the smooth one; its derivative, scaled to unit variance. The steps are in correlation lengths.
+    """
+    n, k = values.shape
+    state = np.zeros((3, k))
+    p00, p11, p22, p01, p02, p12 = 1.0, 1.0, 1.0, 0.0, 0.0, 0.0
+    log_scale = 0.0
+    for i in range(n):
+        if smooth_step[i] > 30.0:
+            p00, p11, p22, p01, p02, p12 = 1.0, 1.0, 1.0, 0.0, 0.0, 0.0
+            state[:] = 0.0
+        else:
+            keep = np.exp(-rough_step[i])
+            x = smooth_step[i]
+            e = np.exp(-x)
+            f11, f12, f21, f22 = e * (1.0 + x), e * x, -e * x, e * (1.0 - x)
+            p00 = keep * keep * p00 + 1.0 - keep * keep
+            p01, p02 = keep * (f11 * p01 + f12 * p02), keep * (f21 * p01 + f22 * p02)
+            a, b, c = (
+                p11 - 1.0,
+                p22 - 1.0,
+                p12,
+            )  # deviation from the stationary covariance, which the step preserves
+            p11 = 1.0 + f11 * f11 * a + 2.0 * f11 * f12 * c + f12 * f12 * b
+            p22 = 1.0 + f21 * f21 * a + 2.0 * f21 * f22 * c + f22 * f22 * b
+            p12 = f11 * f21 * a + (f11 * f22 + f12 * f21) * c + f12 * f22 * b
+            for j in range(k):
+                state[0, j] *= keep
+                s1, s2 = state[1, j], state[2, j]
+                state[1, j] = f11 * s1 + f12 * s2
+                state[2, j] = f21 * s1 + f22 * s2
+        h0, h1 = rough * per_m[i], smooth * per_m[i]
+        c0, c1, c2 = h0 * p00 + h1 * p01, h0 * p01 + h1 * p11, h0 * p02 + h1 * p12
+        total = h0 * c0 + h1 * c1 + white[i]
+        g0, g1, g2 = c0 / total, c1 / total, c2 / total
+        p00 -= g0 * c0
+        p01 -= g0 * c1
+        p02 -= g0 * c2
+        p11 -= g1 * c1
+        p12 -= g1 * c2
+        p22 -= g2 * c2
+        scale = 1.0 / np.sqrt(total)
+        log_scale += 0.5 * np.log(total)
+        for j in range(k):
+            surprise = values[i, j] - h0 * state[0, j] - h1 * state[1, j]
+            state[0, j] += g0 * surprise
+            state[1, j] += g1 * surprise
+            state[2, j] += g2 * surprise
+            values[i, j] = surprise * scale
+    return log_scale
