@@ -162,7 +162,8 @@ def look(
                 raise
             break
         view = take_view(rig, joints, standing, head, seen)
-        seen.append(seen_at(joints, view.image_bgr))
+        # The last one: a camera that freezes while a view is taken mixes what it saw before into the mean.
+        seen.append(seen_at(joints, view.frames[-1].image_bgr))
         views.append(view)
         if view.tilt_correction_deg == 0.0:
             return view
