@@ -44,11 +44,12 @@ SEEN = [Seen(0.0, 0.0, thumbnail(hills()))]
         ([flat(255)] * 2, "is all white"),
         ([hills(0.0, 5), hills(0.0, 6)], "has not changed although the head turned by 90 deg"),
         ([hills(), hills()], "has not changed although the head turned by 90 deg"),
+        ([hills(1.0)] * 2, "has not changed in the least from frame to frame"),
         ([hills(3.0), hills(1.0)], "still changes although the head stands"),
         ([hills(1.0), np.asarray(hills(1.0) // 2)], "still changes although the head stands"),
         ([flat(90)] * 2, None),
     ],
-    ids=["good", "black", "white", "old", "frozen", "moving", "exposure", "fog"],
+    ids=["good", "black", "white", "old", "frozen", "frozen in motion", "moving", "exposure", "fog"],
 )
 def test_what_is_wrong_with_frames(frames: list[Image], problem: str | None) -> None:
     assert defect(frames, 90.0, 0.0, SEEN) == problem
