@@ -14,9 +14,7 @@ from typing import Annotated, Literal, Self
 from pydantic import (
     AfterValidator,
     AwareDatetime,
-    BaseModel,
     BeforeValidator,
-    ConfigDict,
     Field,
     PrivateAttr,
     ValidationError,
@@ -26,6 +24,8 @@ from pydantic import (
 
 from rig.calibration import CALIBRATION_ORDER, AppliedCalibration, CalibrationError, read_calibration
 from rig.config_problems import joined, wrong_keys, wrong_value
+from rig.config_section import Section
+from rig.daemon.config import RunSection
 from rig.directions import Direction, parse_directions
 from rig.errors import ConfigError
 from rig.keep_out import described, zone_at
@@ -80,11 +80,7 @@ Axes = Annotated[tuple[str, str, str], AfterValidator(_signed_axes)]
 """The chip axis that points to the head's x (right), y (forward) and z (up), in this order."""
 
 
-class _Section(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
-
-
-class RigSection(_Section):
+class RigSection(Section):
     """``[rig]``: what belongs to the installation as a whole."""
 
     name: Annotated[str, Field(min_length=1)]
@@ -92,7 +88,7 @@ class RigSection(_Section):
     bundle_dir: Path = Field(default=Path("bundles"), strict=False)
 
 
-class Place(_Section):
+class Place(Section):
     """``[place]``: roughly where the rig works; nothing but the magnetic declination is derived from it."""
 
     lat_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
@@ -100,7 +96,7 @@ class Place(_Section):
     altitude_m: Annotated[float, Field(ge=-500.0, le=9000.0)] = 0.0
 
 
-class Servo(_Section):
+class Servo(Section):
     """``[pan_tilt.pan]`` and ``[pan_tilt.tilt]``: angle_deg = (tick - zero_tick) * 360/4096 * direction."""
 
     id: Annotated[int, Field(ge=0, le=252)]
@@ -123,7 +119,7 @@ class Servo(_Section):
         return self
 
 
-class KeepOut(_Section):
+class KeepOut(Section):
     """``[[pan_tilt.keep_out]]``: pan and tilt between these angles at the same time are never driven to or through."""
 
     pan_min_deg: Annotated[float, Field(ge=-180.0, le=180.0)] = -180.0
@@ -138,7 +134,7 @@ class KeepOut(_Section):
         return self
 
 
-class PanTiltSection(_Section):
+class PanTiltSection(Section):
     """``[pan_tilt]``: two Dynamixel X servos on one bus."""
 
     port: Port
@@ -166,7 +162,7 @@ class PanTiltSection(_Section):
         return self
 
 
-class InclinometerSection(_Section):
+class InclinometerSection(Section):
     """``[inclinometer]``: an accelerometer chip in the head."""
 
     chip: Literal["adxl355", "iis2iclx"]
@@ -201,7 +197,7 @@ class InclinometerSection(_Section):
         return self
 
 
-class Mmc5983maSection(_Section):
+class Mmc5983maSection(Section):
     """``[compass]`` with ``kind = "mmc5983ma"``: a magnetometer chip on the pan stage."""
 
     kind: Literal["mmc5983ma"]
@@ -217,7 +213,7 @@ class Mmc5983maSection(_Section):
     vehicle_soft_iron: Matrix = IDENTITY
 
 
-class NmeaCompassSection(_Section):
+class NmeaCompassSection(Section):
     """``[compass]`` with ``kind = "nmea"``: a serial talker; HDG, HDM, HDT, THS, PTNTHPR or OHPR."""
 
     kind: Literal["nmea"]
@@ -228,7 +224,7 @@ class NmeaCompassSection(_Section):
     heading_offset_deg: HeadingOffset = 0.0
 
 
-class _AltimeterSection(_Section):
+class _AltimeterSection(Section):
     reference_pressure_hpa: Annotated[float, Field(ge=300.0, le=1100.0)]
     reference_altitude_m: Annotated[float, Field(ge=-500.0, le=9000.0)]
     reference_temperature_c: Annotated[float, Field(ge=-60.0, le=60.0)] | None = None
@@ -257,7 +253,7 @@ CompassSection = Mmc5983maSection | NmeaCompassSection
 AltimeterSection = I2cAltimeterSection | SerialAltimeterSection
 
 
-class CameraSection(_Section):
+class CameraSection(Section):
     """``[camera]``: where the pictures come from, the lens, and how the camera sits in the head."""
 
     source: Annotated[int | str, BeforeValidator(_camera_source)]
@@ -287,7 +283,7 @@ class CameraSection(_Section):
         return self
 
 
-class CaptureSection(_Section):
+class CaptureSection(Section):
     """``[capture]``: what one capture does."""
 
     directions: Annotated[tuple[str | float, ...], Field(strict=False)] = ("N", "E", "S", "W")
@@ -318,7 +314,7 @@ class CaptureSection(_Section):
         return parse_directions([str(direction) for direction in self.directions])
 
 
-class CalibrationSection(_Section):
+class CalibrationSection(Section):
     """``[calibration]``: files of ``rig calibrate``, relative to this one; what they found replaces keys of the sections."""
 
     camera: OptionalPath = None
@@ -328,7 +324,7 @@ class CalibrationSection(_Section):
     boresight: OptionalPath = None
 
 
-class RigConfig(_Section):
+class RigConfig(Section):
     """The whole file. ``calibrations`` are those that have replaced keys of its sections."""
 
     rig: RigSection
@@ -340,6 +336,7 @@ class RigConfig(_Section):
     camera: CameraSection
     capture: CaptureSection = CaptureSection()
     calibration: CalibrationSection = CalibrationSection()
+    run: RunSection | None = None
 
     _calibrations: tuple[AppliedCalibration, ...] = PrivateAttr(default=())
 
@@ -387,7 +384,7 @@ def config_path(given: Path | None, environment: Mapping[str, str] = os.environ)
 
 
 def load_config(path: Path) -> RigConfig:
-    """Read and check a configuration file; ``rig.bundle_dir`` comes back relative to the file's folder.
+    """Read and check a configuration file; the paths in it come back relative to the file's folder.
 
     ``ConfigError``, one line, names the file, the section and the key, and for a misspelt key the likely one.
     """
@@ -410,7 +407,8 @@ def load_config(path: Path) -> RigConfig:
             f"{path}: {joined([wrong_value(each, tables) for each in error.errors()])}"
         ) from error
     rig = config.rig.model_copy(update={"bundle_dir": path.parent / config.rig.bundle_dir})
-    config = config.model_copy(update={"rig": rig})
+    run = config.run.beside(path.parent) if config.run else None
+    config = config.model_copy(update={"rig": rig, "run": run})
     files = [
         (kind, path.parent / file)
         for kind in CALIBRATION_ORDER

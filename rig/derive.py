@@ -79,5 +79,11 @@ def configured_calibration(config: RigConfig) -> dict[str, Any]:
     """
     return config.model_dump(
         mode="json",
-        exclude={"capture": True, "calibration": True, "rig": {"bundle_dir"}, "camera": {"source"}},
+        exclude={
+            "capture": True,
+            "calibration": True,
+            "run": True,
+            "rig": {"bundle_dir"},
+            "camera": {"source"},
+        },
     )

@@ -1,0 +1,1 @@
+"""``rig run``: the service on the vehicle that captures, locates and publishes."""

@@ -1,0 +1,123 @@
+"""``[run]`` of the configuration: what the daemon does by itself, and where it publishes."""
+
+import re
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import AfterValidator, Field, model_validator
+
+from rig.config_section import Section
+
+
+def _host_port(text: str) -> str:
+    matched = re.fullmatch(r"([^\s:\[\]]+|\[[0-9a-fA-F:.]+\]):(\d{1,5})", text)
+    if not matched or int(matched[2]) > 65535:
+        raise ValueError(f"{text!r} is no address; give HOST:PORT, for example 127.0.0.1:10110")
+    return text
+
+
+HostPort = Annotated[str, AfterValidator(_host_port)]
+"""``HOST:PORT`` or ``[IPV6]:PORT``; port 0 lets the system choose where the daemon listens."""
+Seconds = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+OptionalSeconds = Annotated[float, Field(gt=0.0, allow_inf_nan=False)] | None
+Files = Annotated[tuple[Annotated[Path, Field(strict=False)], ...], Field(strict=False, min_length=1)]
+Addresses = Annotated[tuple[HostPort, ...], Field(strict=False)]
+
+
+class RestTrigger(Section):
+    """``[run.rest]``: a capture whenever the vehicle has come to rest after it moved."""
+
+    still_s: Seconds = 10.0
+    """At rest is who has been still for so long, ..."""
+    still_mg: Annotated[float, Field(gt=0.0, le=1000.0)] = 5.0
+    """... the accelerometer's standard deviation over a second below this; above it the vehicle moves."""
+
+
+class OdometryInput(Section):
+    """``[run.odometry]``: how the vehicle moved between captures, over UDP: NMEA VTG or RMC, or JSON legs."""
+
+    listen: HostPort = "127.0.0.1:10111"
+    speed_sigma_share: Annotated[float, Field(gt=0.0, le=1.0)] = 0.03
+    heading_sigma_deg: Annotated[float, Field(gt=0.0, le=180.0)] = 3.0
+
+
+class SearchLimits(Section):
+    """``[run.search]``: what one search may take before it is ended as failed."""
+
+    memory_mb: Annotated[int, Field(ge=256)] = 3000
+    time_s: Seconds = 120.0
+
+
+class SpoolSection(Section):
+    """``[run.spool]``: where bundles and fixes are kept, and how much of them."""
+
+    dir: Annotated[Path, Field(strict=False)] = Path("spool")
+    quota_mb: Annotated[int, Field(ge=10)] = 2000
+
+
+class NmeaOutput(Section):
+    """``[run.nmea]``: NMEA 0183 for gpsd, plotters and QGIS."""
+
+    tcp: HostPort | None = "127.0.0.1:10110"
+    udp: Addresses = ()
+    every_s: Annotated[float, Field(ge=0.1, le=60.0)] = 1.0
+    valid_s: Seconds = 30.0
+    """A fix is current for so long after its capture; then quality 0 until the next."""
+
+
+class MavlinkOutput(Section):
+    """``[run.mavlink]``: positions for ArduPilot."""
+
+    connection: Annotated[str, Field(min_length=1)]
+    """As pymavlink writes it: ``udpout:127.0.0.1:14550``, ``/dev/ttyACM0``, ..."""
+    baud: Annotated[int, Field(ge=300)] = 115200
+    messages: Annotated[
+        tuple[Literal["EXTERNAL_POSITION_ESTIMATE", "GPS_INPUT"], ...], Field(strict=False, min_length=1)
+    ] = ("EXTERNAL_POSITION_ESTIMATE",)
+    system_id: Annotated[int, Field(ge=1, le=255)] = 1
+    component_id: Annotated[int, Field(ge=1, le=255)] = 197
+
+
+class HttpServer(Section):
+    """``[run.http]``: the page and the programs' interface."""
+
+    listen: HostPort = "127.0.0.1:8080"
+    token_file: Annotated[Path | None, Field(strict=False)] = None
+    """Holds the token that anything which acts has to show; without one nothing can be done over HTTP, only read."""
+
+
+class RunSection(Section):
+    """``[run]``: what ``rig run`` does."""
+
+    dem: Files
+    every_s: OptionalSeconds = None
+    """A capture so often; none by the clock where absent."""
+    retry_least_s: Seconds = 1.0
+    retry_most_s: Seconds = 60.0
+    """A device that fails is tried again after the first, then after doubling waits up to the second."""
+    rest: RestTrigger | None = None
+    odometry: OdometryInput | None = None
+    search: SearchLimits = SearchLimits()
+    spool: SpoolSection = SpoolSection()
+    nmea: NmeaOutput | None = None
+    mavlink: MavlinkOutput | None = None
+    http: HttpServer | None = None
+
+    @model_validator(mode="after")
+    def _waits_grow(self) -> Self:
+        if self.retry_least_s > self.retry_most_s:
+            raise ValueError("[run] retry_least_s is longer than retry_most_s")
+        return self
+
+    def beside(self, folder: Path) -> "RunSection":
+        """The same with relative paths taken from ``folder``."""
+        http = self.http
+        if http is not None and http.token_file is not None:
+            http = http.model_copy(update={"token_file": folder / http.token_file})
+        return self.model_copy(
+            update={
+                "dem": tuple(folder / file for file in self.dem),
+                "spool": self.spool.model_copy(update={"dir": folder / self.spool.dir}),
+                "http": http,
+            }
+        )
