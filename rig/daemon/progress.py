@@ -1,0 +1,136 @@
+"""Proof of work: each of the daemon's loops says that it gets on, and the watchdog is kicked only while all of them do."""
+
+import dataclasses
+import logging
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from rig.daemon.notify import Notifier
+
+_log = logging.getLogger(__name__)
+
+CHECK_EVERY_S = 5.0
+"""Where no manager watches; else a third of its time, so that one datagram may be lost."""
+
+
+@dataclass
+class _Loop:
+    longest_s: float
+    due_monotonic_s: float
+    beat_monotonic_s: float
+    thread: int
+    failed: str | None = None
+    """The error that it ended with."""
+
+
+@dataclass(frozen=True)
+class Stuck:
+    """A loop that does not get on."""
+
+    name: str
+    why: str
+    """Since when its beat is missing and where in the program its thread is, or the error that ended it."""
+
+    def __str__(self) -> str:
+        return f"{self.name} {self.why}"
+
+
+class Loops:
+    """The loops that have to get on, by name; to be used from any thread."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._loops: dict[str, _Loop] = {}
+
+    @contextmanager
+    def watched(self, name: str, longest_s: float) -> Iterator[None]:
+        """Watch this thread's loop while the context lasts; ``longest_s`` from one beat to the next is in order.
+
+        A loop that ends with an error stays on the list as one that does not get on, until it is begun anew.
+        """
+        now = time.monotonic()
+        loop = _Loop(longest_s, now + longest_s, now, threading.get_ident())
+        with self._lock:
+            if name in self._loops and self._loops[name].failed is None:
+                raise ValueError(f"two loops are called {name!r}")
+            self._loops[name] = loop
+        try:
+            yield
+        except BaseException as error:
+            loop.failed = f"{type(error).__name__}: {error}"
+            raise
+        with self._lock:
+            del self._loops[name]
+
+    def beat(self, name: str, within_s: float | None = None) -> None:
+        """This loop gets on. ``within_s``: the next beat may take so long, once, for a step that takes its time."""
+        with self._lock:
+            loop = self._loops[name]
+            loop.beat_monotonic_s = time.monotonic()
+            loop.due_monotonic_s = loop.beat_monotonic_s + (loop.longest_s if within_s is None else within_s)
+            loop.thread = threading.get_ident()
+
+    def stuck(self) -> tuple[Stuck, ...]:
+        """The loops that do not get on."""
+        with self._lock:
+            named = [(name, dataclasses.replace(loop)) for name, loop in self._loops.items()]
+        now = time.monotonic()
+        found = []
+        for name, loop in named:
+            if loop.failed is not None:
+                found.append(Stuck(name, f"ended by {loop.failed}"))
+            elif now > loop.due_monotonic_s:
+                silent_s = now - loop.beat_monotonic_s
+                found.append(Stuck(name, f"hangs: nothing for {silent_s:.0f} s, {_where(loop.thread)}"))
+        return tuple(found)
+
+
+def _where(thread: int) -> str:
+    """The innermost of our own lines that this thread executes: below it are only libraries that wait."""
+    innermost = frame = sys._current_frames().get(thread)
+    if frame is None:
+        return "its thread has ended"
+    while frame is not None and not frame.f_globals.get("__name__", "").startswith(("rig.", "localizer.")):
+        frame = frame.f_back
+    frame = frame or innermost
+    assert frame is not None
+    return f"at {frame.f_globals.get('__name__')} line {frame.f_lineno}, in {frame.f_code.co_name}"
+
+
+@contextmanager
+def watchdog(loops: Loops, notifier: Notifier) -> Iterator[None]:
+    """Kick the manager's watchdog while all loops get on and the context lasts; else say in log and status which hangs."""
+    ended = threading.Event()
+    thread = threading.Thread(target=_watch, args=(loops, notifier, ended), name="watchdog", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+
+
+def _watch(loops: Loops, notifier: Notifier, ended: threading.Event) -> None:
+    every_s = notifier.watchdog_s / 3 if notifier.watchdog_s else CHECK_EVERY_S
+    hung: set[str] = set()
+    while True:
+        stuck = loops.stuck()
+        hanging = {each.name for each in stuck}
+        for each in stuck:
+            if each.name not in hung:
+                _log.error("%s", each)
+        for name in sorted(hung - hanging):
+            _log.warning("%s gets on again", name)
+        if stuck:
+            notifier.trouble("; ".join(map(str, stuck)))
+        elif hung:
+            notifier.trouble_over()
+        if not stuck:
+            notifier.progress()
+        hung = hanging
+        if ended.wait(every_s):
+            return
