@@ -21,7 +21,8 @@ from rig.readings import Instant
 
 EVENTS_WAITING = 256
 
-TriggerSource = Literal["interval", "rest", "command", "http", "signal"]
+TriggerSource = Literal["interval", "rest", "command", "http", "signal", "found"]
+"""``found``: a bundle that lay in the spool, and nothing tells why it was taken."""
 TriggerAnswer = Literal["started", "busy", "not ready", "stopping"]
 DeviceState = Literal["absent", "connecting", "ok", "failing"]
 Activity = Literal["starting", "connecting", "idle", "capturing", "stopping"]

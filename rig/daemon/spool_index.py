@@ -1,0 +1,146 @@
+"""The spool's index: its tables, how it is opened, and its rows as what they stand for."""
+
+import json
+import sqlite3
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+from pydantic import TypeAdapter
+
+from localizer.track.odometry import Movement
+from rig.daemon.board import Answer, TriggerSource
+from rig.errors import RigError
+
+BundleState = Literal["waiting", "located", "failed"]
+ANSWER = TypeAdapter(Answer)
+_VERSION = 1
+_SCHEMA = """
+CREATE TABLE bundles (
+    number INTEGER PRIMARY KEY AUTOINCREMENT,
+    bundle TEXT NOT NULL UNIQUE,
+    captured TEXT NOT NULL,
+    trigger TEXT NOT NULL,
+    leg TEXT,
+    bytes INTEGER NOT NULL,
+    state TEXT NOT NULL CHECK (state IN ('waiting', 'located', 'failed')),
+    tries INTEGER NOT NULL DEFAULT 0,
+    reason TEXT,
+    answer TEXT,
+    here INTEGER NOT NULL DEFAULT 1
+);
+CREATE INDEX by_state ON bundles (state, number);
+CREATE TABLE memory (name TEXT PRIMARY KEY, value TEXT NOT NULL);
+"""
+
+
+class SpoolError(RigError):
+    """The spool cannot be used; the message names it."""
+
+
+class SpoolFullError(SpoolError):
+    """What has not been located fills the quota: there is no room for another bundle."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One bundle of the index. ``reason`` says why it failed the last time; ``here`` whether its folder is still there."""
+
+    number: int
+    bundle: str
+    captured: datetime
+    trigger: TriggerSource
+    state: BundleState
+    tries: int
+    reason: str | None
+    size_bytes: int
+    here: bool
+    answer: Answer | None
+
+
+def composed(legs: list[Movement | None]) -> Movement | None:
+    """One movement after the other; None where one of them is unknown, or there is none."""
+    known = [leg for leg in legs if leg is not None]
+    if len(known) < len(legs) or not known:
+        return None
+    return Movement(
+        np.sum([leg.step_m for leg in known], axis=0), np.sum([leg.covariance_m2 for leg in known], axis=0)
+    )
+
+
+SELECT = "SELECT number, bundle, captured, trigger, state, tries, reason, bytes, here, answer FROM bundles"
+
+
+def entry_of(
+    row: tuple[int, str, str, TriggerSource, BundleState, int, str | None, int, int, str | None],
+) -> Entry:
+    number, bundle, captured, trigger, state, tries, reason, size, here, answer = row
+    assert trigger in get_args(TriggerSource)
+    return Entry(
+        number,
+        bundle,
+        datetime.fromisoformat(captured),
+        trigger,
+        state,
+        tries,
+        reason,
+        size,
+        bool(here),
+        ANSWER.validate_json(answer) if answer else None,
+    )
+
+
+def leg_json(leg: Movement | None) -> dict[str, object] | None:
+    return leg and {"step_m": leg.step_m.tolist(), "covariance_m2": leg.covariance_m2.tolist()}
+
+
+def leg_of(text: str | None) -> Movement | None:
+    if text is None:
+        return None
+    fields = json.loads(text)
+    return Movement(np.array(fields["step_m"]), np.array(fields["covariance_m2"]))
+
+
+def remember(db: sqlite3.Connection, name: str, value: str) -> None:
+    db.execute("INSERT OR REPLACE INTO memory (name, value) VALUES (?, ?)", (name, value))
+
+
+def recall(db: sqlite3.Connection, name: str) -> str | None:
+    row = db.execute("SELECT value FROM memory WHERE name = ?", (name,)).fetchone()
+    return row[0] if row else None
+
+
+def open_index(path: Path) -> sqlite3.Connection:
+    """The index; one that cannot be read is put aside, and made anew from the folder."""
+    try:
+        return _connected(path)
+    except sqlite3.DatabaseError as error:
+        if isinstance(error, sqlite3.OperationalError):
+            raise SpoolError(f"{path}: {error}; look at its permissions") from error
+        for suffix in ("", "-wal", "-shm"):
+            damaged = path.with_name(path.name + suffix)
+            if damaged.exists():
+                damaged.rename(path.with_name(f"damaged-{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{damaged.name}"))
+        return _connected(path)
+
+
+def _connected(path: Path) -> sqlite3.Connection:
+    db = sqlite3.connect(path, check_same_thread=False, isolation_level=None, timeout=5.0)
+    try:
+        db.execute("PRAGMA journal_mode = WAL")
+        db.execute("PRAGMA synchronous = FULL")
+        version = db.execute("PRAGMA user_version").fetchone()[0]
+        if version == 0:
+            db.executescript(f"BEGIN; {_SCHEMA} PRAGMA user_version = {_VERSION}; COMMIT;")
+        elif version != _VERSION:
+            raise SpoolError(
+                f"{path}: is of another version of skyfix ({version}); give another [run.spool] dir"
+            )
+        if db.execute("PRAGMA quick_check(1)").fetchone()[0] != "ok":
+            raise sqlite3.DatabaseError("damaged")
+    except BaseException:
+        db.close()
+        raise
+    return db
