@@ -32,8 +32,26 @@ def draw_relief(
 ) -> None:
     """Draw the rectangle west, east, south, north of the DEM's metric CRS.
 
-    The axes then count ``unit_m`` from ``origin_m`` (easting, northing). The relief is sampled from the lattice,
-    whatever CRS that has of its own, ``pixels`` on its longer side.
+    The axes then count ``unit_m`` from ``origin_m`` (easting, northing).
+    """
+    west_m, east_m, south_m, north_m = bounds_m
+    image = relief_image(dem, bounds_m, pixels)
+    extent = (
+        (west_m - origin_m[0]) / unit_m,
+        (east_m - origin_m[0]) / unit_m,
+        (south_m - origin_m[1]) / unit_m,
+        (north_m - origin_m[1]) / unit_m,
+    )
+    axes.imshow(image, extent=extent, origin="upper", aspect="equal", interpolation="antialiased")
+    axes.set_xlim(extent[0], extent[1])
+    axes.set_ylim(extent[2], extent[3])
+
+
+def relief_image(dem: Dem, bounds_m: tuple[float, float, float, float], pixels: int = PIXELS) -> Floats:
+    """Red, green and blue, 0 to 1, (down, across, 3), of the rectangle west, east, south, north of the DEM's metric CRS.
+
+    It is sampled from the lattice, whatever CRS that has of its own, ``pixels`` on its longer side; row 0 is the
+    northernmost.
     """
     west_m, east_m, south_m, north_m = bounds_m
     step_m = max(east_m - west_m, north_m - south_m) / pixels
@@ -50,15 +68,7 @@ def draw_relief(
     reach = max(1, round(dem.spacing_ns_m / step_m / 2.0))
     image = np.clip(tint * (0.42 + 0.8 * hillshade(z_m, step_m, reach))[..., None], 0.0, 1.0)
     image[np.isnan(z_m)] = VOID_GREY
-    extent = (
-        (west_m - origin_m[0]) / unit_m,
-        (east_m - origin_m[0]) / unit_m,
-        (south_m - origin_m[1]) / unit_m,
-        (north_m - origin_m[1]) / unit_m,
-    )
-    axes.imshow(image, extent=extent, origin="upper", aspect="equal", interpolation="antialiased")
-    axes.set_xlim(extent[0], extent[1])
-    axes.set_ylim(extent[2], extent[3])
+    return np.asarray(image)
 
 
 def hillshade(z_m: Floats, step_m: float, reach: int = 1) -> Floats:
