@@ -10,7 +10,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: demo test test-all evaluate lint format clean
+.PHONY: demo test test-all test-system evaluate lint format clean
 
 demo: $(READY)
 	$(BIN)/sim demo --seed $(SEED) --out demo
@@ -19,7 +19,12 @@ test: $(READY)
 	$(BIN)/pytest -n 2 --dist loadgroup
 
 test-all: $(READY)
-	$(BIN)/pytest -n 2 --dist loadgroup -m "long or not long"
+	$(BIN)/pytest -n 2 --dist loadgroup -m "not system"
+
+# Against the programs that it works with: gpsd, a browser, systemd. They are installed where they are missing.
+test-system: $(READY)
+	tests/system/packages
+	$(BIN)/pytest -n 2 --dist loadgroup -m system
 
 EVALUATE = $(BIN)/sim evaluate $(addprefix --dem ,$(DEMS)) --seed $(SEED) --jobs $(JOBS)
 SCENARIOS = $(sort $(basename $(notdir $(wildcard configs/scenarios/evaluate/*.toml))))

@@ -1,7 +1,10 @@
 """Fixtures that all tests share."""
 
 import os
+from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -17,6 +20,38 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     """Options of the soak test."""
     parser.addoption("--captures", type=int, default=500, help="how many captures the soak test takes")
     parser.addoption("--soak-seed", type=int, default=1, help="another seed, other faults")
+
+
+LEFT_OUT = pytest.StashKey[Counter[str]]()
+TARGETS = {"system": "make test-system", "long": "make test-all"}
+"""The tests that the default run leaves out, by marker, and what runs them."""
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.stash[LEFT_OUT] = Counter()
+
+
+def pytest_deselected(items: Sequence[pytest.Item]) -> None:
+    for item in items:
+        marker = next((marker for marker in TARGETS if item.get_closest_marker(marker)), None)
+        if marker is not None:
+            item.config.stash[LEFT_OUT][marker] += 1
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    if hasattr(session.config, "workeroutput"):
+        session.config.workeroutput["left out"] = dict(session.config.stash[LEFT_OUT])
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node: Any) -> None:
+    """Of parallel workers, each of which has collected everything."""
+    node.config.stash[LEFT_OUT] |= Counter(getattr(node, "workeroutput", {}).get("left out", {}))
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+    for marker, number in sorted(config.stash[LEFT_OUT].items()):
+        terminalreporter.write_line(f"tests left out: {number} {marker} ({TARGETS[marker]})")
 
 
 @pytest.fixture(scope="session")
