@@ -24,6 +24,7 @@ from rig.directions import Direction, parse_directions
 from rig.move_command import move
 from rig.record_command import record
 from rig.signals import stopping_cleanly
+from rig.watch.command import watch
 
 
 def main() -> NoReturn:
@@ -142,6 +143,7 @@ rig.add_command(calibrate)
 rig.add_command(bundle)
 rig.add_command(record)
 rig.add_command(move)
+rig.add_command(watch)
 
 
 @rig.command()

@@ -6,67 +6,15 @@ import re
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 from fakes.chips import FakeI2cBus, RegisterChip
-from fakes.whole_rig import FakeRig, RunningRig, running_rig
+from fakes.command import Run, one_line, toml, written
+from fakes.whole_rig import RunningRig
 
 from localizer.bundle import load_bundle
-from rig.cli import main
-
-Run = Callable[..., tuple[int, str, str]]
-
-
-def toml(tables: dict[str, Any], prefix: str = "") -> str:
-    """TOML of nested tables of plain values."""
-    values = [f"{key} = {json.dumps(v)}" for key, v in tables.items() if not isinstance(v, dict)]
-    sections = [
-        f"\n[{prefix}{key}]\n{toml(v, f'{prefix}{key}.')}" for key, v in tables.items() if isinstance(v, dict)
-    ]
-    return "\n".join(values) + "\n" + "".join(sections)
-
-
-@pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Run:
-    """Runs ``rig`` with arguments in this process: exit status, standard output, standard error."""
-    monkeypatch.delenv("SKYFIX_CONFIG", raising=False)
-    monkeypatch.chdir(tmp_path)
-
-    def rig(*arguments: str | Path) -> tuple[int, str, str]:
-        monkeypatch.setattr("sys.argv", ["rig", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        printed = capsys.readouterr()
-        assert isinstance(ended.value.code, int)
-        return ended.value.code, printed.out, printed.err
-
-    return rig
-
-
-@pytest.fixture
-def running(monkeypatch: pytest.MonkeyPatch) -> Iterator[RunningRig]:
-    with running_rig(monkeypatch, FakeRig()) as rig:
-        yield rig
-
-
-def written(running: RunningRig, folder: Path, **changes: dict[str, object] | None) -> Path:
-    path = folder / "rig.toml"
-    path.write_text(toml(running.settings(**changes)))
-    return path
-
-
-def one_line(result: tuple[int, str, str]) -> str:
-    """The line that bad input ends with."""
-    status, out, err = result
-    assert status == 2
-    assert out == ""
-    assert err.startswith("rig")
-    assert err.count("\n") == 1
-    assert err.endswith("\n")
-    return err.rstrip("\n")
 
 
 def test_help_has_examples(run: Run) -> None:

@@ -183,7 +183,7 @@ def running_rig(monkeypatch: pytest.MonkeyPatch, rig: FakeRig) -> Iterator[Runni
         FakeBarometer(rig, "barometer"),
     )
     names = "open_inclinometer", "open_compass", "open_altimeter"
-    for module in ("rig.connect", "rig.check"):
+    for module in ("rig.connect", "rig.check", "rig.watch.sources"):
         for name, sensor in zip(names, sensors, strict=True):
             monkeypatch.setattr(f"{module}.{name}", lambda section, sensor=sensor: sensor)
     monkeypatch.setattr("rig.pan_tilt._STILL_S", 0.05)  # these servos do not swing

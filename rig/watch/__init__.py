@@ -1,0 +1,1 @@
+"""``rig watch``: what all devices say at this moment, without moving anything."""

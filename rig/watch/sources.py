@@ -1,0 +1,218 @@
+"""What each device says, as ``rig watch`` asks it: only reads, so a head that is held stays held and one at rest stays so."""
+
+import math
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, closing, contextmanager
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from rig.attitude import in_axes
+from rig.bus.retry import retry
+from rig.bus.serial_port import SerialPort
+from rig.camera import Camera, TimedFrame
+from rig.check import BRIGHT, DARK
+from rig.config import (
+    AltimeterSection,
+    CameraSection,
+    CompassSection,
+    InclinometerSection,
+    Mmc5983maSection,
+    PanTiltSection,
+    RigConfig,
+)
+from rig.config import Servo as ServoSection
+from rig.connect import open_altimeter, open_compass, open_inclinometer
+from rig.dynamixel.control_table import TICKS_PER_TURN
+from rig.dynamixel.servo import Servo, ServoState, read_states, require_models
+from rig.dynamixel.servo_bus import ServoBus
+from rig.measure import altitude_from, read_level, read_pressure
+from rig.readings import FieldReading, HeadingReading
+
+HEAD_PAUSE_S = 0.2
+LEVEL_S = 0.4
+COMPASS_S = 0.3
+PRESSURE_S = 0.5
+CAMERA_S = 1.0
+
+
+@dataclass(frozen=True)
+class Reading:
+    """JSON values with units in their names; ``warnings`` is what is wrong with a device that answers."""
+
+    values: Mapping[str, Any]
+    monotonic_s: float
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Source:
+    """An open device. ``read`` takes about as long as it is worth averaging, and raises ``RigError``."""
+
+    identity: str
+    read: Callable[[], Reading]
+
+
+Opener = Callable[[], AbstractContextManager[Source]]
+
+
+def sources_of(config: RigConfig) -> dict[str, Opener]:
+    """A way to open each device of the configuration, by the name that the operator knows."""
+    found: dict[str, Opener] = {
+        "head": partial(_head, config.pan_tilt),
+        "inclinometer": partial(_inclinometer, config.inclinometer),
+    }
+    if config.compass:
+        found["compass"] = partial(_compass, config.compass)
+    if config.altimeter:
+        found["altimeter"] = partial(_altimeter, config.altimeter)
+    return {**found, "camera": partial(_camera, config.camera)}
+
+
+@contextmanager
+def _head(section: PanTiltSection) -> Iterator[Source]:
+    """Both servos, by a bus of its own: ``PanTilt`` would switch the torque off and write limits."""
+    with closing(ServoBus(SerialPort(section.port, section.baud))) as bus:
+        joints = {"pan": section.pan, "tilt": section.tilt}
+        servos = {name: Servo(bus, joint.id, joint.model, name) for name, joint in joints.items()}
+        firmware = retry(partial(require_models, bus, {joint.id: joint.model for joint in joints.values()}))
+        identity = ", ".join(
+            f"{name} {joint.model} firmware {firmware[joint.id]} (id {joint.id})"
+            for name, joint in joints.items()
+        )
+        yield Source(identity, partial(_read_head, bus, servos, joints))
+
+
+def _read_head(bus: ServoBus, servos: Mapping[str, Servo], joints: Mapping[str, ServoSection]) -> Reading:
+    time.sleep(HEAD_PAUSE_S)
+    states = retry(partial(read_states, bus, list(servos.values())))
+    warnings: list[str] = []
+    values: dict[str, Any] = {}
+    for (name, servo), state in zip(servos.items(), states, strict=True):
+        values[f"{name}_deg"] = round(_angle_deg(joints[name], state), 3)
+        if state.alert:
+            warnings += [f"{servo.name}: {error}" for error in retry(servo.hardware_errors)]
+    values |= {
+        "moving": any(state.moving for state in states),
+        "torque": [bool(retry(partial(servo.read, "Torque Enable"))) for servo in servos.values()],
+        "volts_v": [round(state.voltage_v, 2) for state in states],
+        "temperatures_c": [state.temperature_c for state in states],
+        "ticks": [state.position_tick for state in states],
+    }
+    return Reading(values, states[0].monotonic_s, tuple(warnings))
+
+
+def _angle_deg(joint: ServoSection, state: ServoState) -> float:
+    return (state.position_tick - joint.zero_tick) * 360.0 / TICKS_PER_TURN * joint.direction
+
+
+@contextmanager
+def _inclinometer(section: InclinometerSection) -> Iterator[Source]:
+    with closing(open_inclinometer(section)) as chip:
+
+        def read() -> Reading:
+            level, _, _ = read_level(chip, section, LEVEL_S)
+            values = {
+                "tilt_deg": round(level.tilt_deg, 4),
+                "roll_deg": round(level.roll_deg, 4),
+                "noise_deg": round(max(level.tilt_noise_deg, level.roll_noise_deg), 5),
+                "temperature_c": _rounded(level.temperature_c),
+            }
+            return Reading(values, time.monotonic())
+
+        yield Source(chip.identify(), read)
+
+
+@contextmanager
+def _compass(section: CompassSection) -> Iterator[Source]:
+    with closing(open_compass(section)) as compass:
+
+        def read() -> Reading:
+            readings = retry(partial(compass.read_many, COMPASS_S))
+            last = readings[-1]
+            if isinstance(last, HeadingReading):
+                return _heading(last)
+            assert isinstance(section, Mmc5983maSection)
+            return _field([each for each in readings if isinstance(each, FieldReading)], section)
+
+        yield Source(compass.identify(), read)
+
+
+def _heading(reading: HeadingReading) -> Reading:
+    values = {
+        "heading_deg": reading.heading_deg,
+        "reference": reading.reference,
+        "variation_deg": reading.variation_deg,
+        "pitch_deg": reading.pitch_deg,
+        "roll_deg": reading.roll_deg,
+    }
+    return Reading(values, reading.monotonic_s)
+
+
+def _field(readings: list[FieldReading], section: Mmc5983maSection) -> Reading:
+    """The field in axes of the pan stage, without the stage's calibrated iron."""
+    chip_ut = np.array([[reading.x_ut, reading.y_ut, reading.z_ut] for reading in readings]).mean(axis=0)
+    stage_ut = in_axes(chip_ut, section.axes) - np.array(section.hard_iron_ut)
+    right_ut, ahead_ut, up_ut = np.linalg.solve(np.array(section.soft_iron), stage_ut).tolist()
+    values = {
+        "field_right_ut": round(right_ut, 3),
+        "field_ahead_ut": round(ahead_ut, 3),
+        "field_up_ut": round(up_ut, 3),
+        "field_ut": round(math.hypot(right_ut, ahead_ut, up_ut), 3),
+        "temperature_c": _rounded(readings[-1].temperature_c),
+    }
+    return Reading(values, readings[-1].monotonic_s)
+
+
+@contextmanager
+def _altimeter(section: AltimeterSection) -> Iterator[Source]:
+    with closing(open_altimeter(section)) as barometer:
+
+        def read() -> Reading:
+            pressure = read_pressure(barometer, PRESSURE_S)
+            altitude = altitude_from(pressure, section)
+            values = {
+                "pressure_hpa": round(pressure.pressure_hpa, 3),
+                "altitude_m": round(altitude.altitude_m, 2),
+                "altitude_sigma_m": round(altitude.sigma_m, 2),
+                "temperature_c": _rounded(pressure.temperature_c),
+            }
+            return Reading(values, time.monotonic())
+
+        yield Source(barometer.identify(), read)
+
+
+@contextmanager
+def _camera(section: CameraSection) -> Iterator[Source]:
+    with Camera(section) as camera:
+        camera.wait_open()
+        yield Source(camera.identify(), partial(_read_camera, camera))
+
+
+def _read_camera(camera: Camera) -> Reading:
+    """Count the frames of a second, and look at the first and the last."""
+    first = last = camera.frame_after(time.monotonic())
+    count = 1
+    while last.arrived.monotonic_s - first.arrived.monotonic_s < CAMERA_S:
+        (last,) = camera.frames_after(math.nextafter(last.arrived.monotonic_s, math.inf), 1)
+        count += 1
+    span_s = last.arrived.monotonic_s - first.arrived.monotonic_s
+    level = float(last.image_bgr.mean())
+    values = {"frames_per_s": round((count - 1) / span_s, 1), "brightness": round(level, 1)}
+    return Reading(values, last.arrived.monotonic_s, _picture_warnings(first, last, level))
+
+
+def _picture_warnings(first: TimedFrame, last: TimedFrame, level: float) -> tuple[str, ...]:
+    if not DARK <= level <= BRIGHT:
+        colour = "black" if level < DARK else "white"
+        return (f"its picture is all {colour}: look at lens cap and exposure",)
+    if np.array_equal(first.image_bgr, last.image_bgr):
+        return ("its picture has not changed in the least for a second: restart the camera",)
+    return ()
+
+
+def _rounded(value: float | None) -> float | None:
+    return None if value is None or not math.isfinite(value) else round(value, 1)

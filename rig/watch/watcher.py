@@ -1,0 +1,107 @@
+"""A thread a device that reads it again and again, and opens it anew where it fails; the newest of each for whoever looks."""
+
+import threading
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from types import TracebackType
+from typing import Literal, Self
+
+from rig.errors import RigError
+from rig.watch.sources import Opener, Reading
+
+RETRY_FIRST_S, RETRY_MOST_S = 0.5, 4.0
+SILENT_S = 3.0
+"""Older than this is no reading of this moment: an exchange hangs, or is being tried again."""
+END_S = 6.0
+"""A thread ends with its reading, which takes that long only where a port was pulled out."""
+
+State = Literal["connecting", "ok", "warning", "silent", "failing"]
+
+
+@dataclass(frozen=True)
+class DeviceStatus:
+    """One device. ``problem`` is what ails it now, ``reading`` the last good one, of whatever age."""
+
+    name: str
+    state: State
+    identity: str
+    reading: Reading | None
+    problem: str | None
+    failures: int
+
+    @property
+    def age_s(self) -> float | None:
+        """How old the reading is."""
+        return None if self.reading is None else time.monotonic() - self.reading.monotonic_s
+
+    def at_this_moment(self) -> "DeviceStatus":
+        """The same, with a reading that has grown old counted as a problem."""
+        age_s = self.age_s
+        if age_s is None or age_s <= SILENT_S or self.state == "failing":
+            return self
+        return replace(self, state="silent", problem=f"no reading for {age_s:.0f} s")
+
+
+class Watcher:
+    """Watches devices while the context lasts."""
+
+    def __init__(self, openers: Mapping[str, Opener]) -> None:
+        self._lock = threading.Lock()
+        self._stop = threading.Event()
+        self._statuses = {name: DeviceStatus(name, "connecting", "", None, None, 0) for name in openers}
+        self._threads = [
+            threading.Thread(target=self._watch, args=each, name=f"watch {each[0]}", daemon=True)
+            for each in openers.items()
+        ]
+
+    def __enter__(self) -> Self:
+        for thread in self._threads:
+            thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stop.set()
+        deadline_s = time.monotonic() + END_S
+        for thread in self._threads:
+            thread.join(max(0.0, deadline_s - time.monotonic()))
+
+    def statuses(self) -> list[DeviceStatus]:
+        """All devices at this moment."""
+        with self._lock:
+            return [status.at_this_moment() for status in self._statuses.values()]
+
+    def wait_heard(self, timeout_s: float) -> None:
+        """Wait until each device has been read or has failed."""
+        deadline_s = time.monotonic() + timeout_s
+        while time.monotonic() < deadline_s and any(s.state == "connecting" for s in self.statuses()):
+            time.sleep(0.02)
+
+    def _watch(self, name: str, opener: Opener) -> None:
+        wait_s = RETRY_FIRST_S
+        while not self._stop.is_set():
+            try:
+                with opener() as source:
+                    while not self._stop.is_set():
+                        self._read(name, source.identity, source.read())
+                        wait_s = RETRY_FIRST_S
+            except RigError as error:
+                self._failed(name, str(error))
+                self._stop.wait(wait_s)
+                wait_s = min(2.0 * wait_s, RETRY_MOST_S)
+
+    def _read(self, name: str, identity: str, reading: Reading) -> None:
+        problem = "; ".join(reading.warnings) or None
+        state: State = "warning" if problem else "ok"
+        with self._lock:
+            failures = self._statuses[name].failures
+            self._statuses[name] = DeviceStatus(name, state, identity, reading, problem, failures)
+
+    def _failed(self, name: str, problem: str) -> None:
+        with self._lock:
+            before = self._statuses[name]
+            self._statuses[name] = replace(
+                before, state="failing", problem=problem, failures=before.failures + 1
+            )
