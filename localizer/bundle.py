@@ -5,11 +5,11 @@ The model belongs to its reader; whoever writes bundles constructs it and stores
 
 import hashlib
 import json
+import math
 from datetime import UTC, datetime
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, Literal, Self, TypeAlias
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import (
@@ -23,8 +23,11 @@ from pydantic import (
 )
 
 from localizer.errors import SkyfixError
+from localizer.picture import MOST_PIXELS, PictureError, decode_picture
 
 FILE_NAME = "bundle.json"
+ALTITUDE_STEP = "altitude"
+"""The first step of the search; the others bear the frames' labels."""
 
 
 class BundleError(SkyfixError):
@@ -37,6 +40,18 @@ def _utc(time: datetime) -> datetime:
     return time.astimezone(UTC)
 
 
+def _printable(text: str) -> str:
+    if not text.isprintable():
+        raise ValueError("should have no control characters")
+    return text
+
+
+def _no_step(label: str) -> str:
+    if label == ALTITUDE_STEP:
+        raise ValueError(f"should not be {label!r}, which is what a step of the search is called")
+    return label
+
+
 def _inside(file: str) -> str:
     path = PurePosixPath(file)
     if path.is_absolute() or ".." in path.parts or "\\" in file or ":" in file or not path.parts:
@@ -44,9 +59,19 @@ def _inside(file: str) -> str:
     return file
 
 
+Name: TypeAlias = Annotated[str, Field(min_length=1, max_length=128), AfterValidator(_printable)]
+Label: TypeAlias = Annotated[
+    str, Field(min_length=1, max_length=64), AfterValidator(_printable), AfterValidator(_no_step)
+]
+InsidePath: TypeAlias = Annotated[
+    str, Field(max_length=1024), AfterValidator(_printable), AfterValidator(_inside)
+]
 UtcTime: TypeAlias = Annotated[datetime, AfterValidator(_utc)]
 PixelCount: TypeAlias = Annotated[int, Field(gt=0, le=32768)]
+NARROWEST_VIEW_DEG, WIDEST_VIEW_DEG = 0.2, 170.0
+"""Of a camera that skylines can be seen with, and a pinhole model stands for."""
 FocalLength: TypeAlias = Annotated[float, Field(gt=0.0, le=1e6)]
+Distortion: TypeAlias = Annotated[float, Field(ge=-1e3, le=1e3)]
 Azimuth: TypeAlias = Annotated[float, Field(ge=0.0, lt=360.0)]
 AngleSigma: TypeAlias = Annotated[float, Field(ge=0.0, le=180.0)]
 Elevation: TypeAlias = Annotated[float, Field(ge=-500.0, le=9000.0)]
@@ -67,8 +92,27 @@ class Camera(_Part):
     fy_px: FocalLength
     cx_px: float
     cy_px: float
-    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    distortion: tuple[Distortion, Distortion, Distortion, Distortion, Distortion] = (0.0, 0.0, 0.0, 0.0, 0.0)
     """k1, k2, p1, p2, k3."""
+
+    @model_validator(mode="after")
+    def _is_a_camera(self) -> Self:
+        width, height = self.width_px, self.height_px
+        if width * height > MOST_PIXELS:
+            raise ValueError(f"{width} x {height} px are more than {MOST_PIXELS // 1_000_000} megapixels")
+        for size, focal, centre, axis in (
+            (width, self.fx_px, self.cx_px, "x"),
+            (height, self.fy_px, self.cy_px, "y"),
+        ):
+            view_deg = math.degrees(2.0 * math.atan(0.5 * size / focal))
+            if not NARROWEST_VIEW_DEG <= view_deg <= WIDEST_VIEW_DEG:
+                raise ValueError(
+                    f"f{axis}_px {focal:g} on {size} px is a field of view of {view_deg:.3g} deg; "
+                    f"should be {NARROWEST_VIEW_DEG:g} to {WIDEST_VIEW_DEG:g}"
+                )
+            if not -size <= centre <= 2 * size:
+                raise ValueError(f"c{axis}_px {centre:g} is far outside a picture of {size} px")
+        return self
 
 
 class Altitude(_Part):
@@ -81,8 +125,8 @@ class Altitude(_Part):
 class Frame(_Part):
     """One picture and where the camera pointed. The sigmas are independent from frame to frame."""
 
-    label: Annotated[str, Field(min_length=1, max_length=64)]
-    file: Annotated[str, AfterValidator(_inside)]
+    label: Label
+    file: InsidePath
     """Path of the picture relative to the bundle's directory."""
     sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
     time: UtcTime
@@ -106,7 +150,7 @@ class Bundle(_Part):
     """One measurement: the pictures that a rig took at one place, with calibrated readings."""
 
     schema_name: Literal["skyfix.bundle/1"] = Field(default="skyfix.bundle/1", alias="schema")
-    id: Annotated[str, Field(min_length=1, max_length=128)]
+    id: Name
     created: UtcTime
     camera: Camera
     mast_height_m: Annotated[float, Field(ge=0.0, le=1000.0)]
@@ -172,31 +216,31 @@ def frame_image(bundle: Bundle, frame: Frame) -> NDArray[np.uint8]:
     picture or has another size than the camera.
     """
     place = f"{bundle.directory / FILE_NAME}: frames[{frame.label}]"
-    file = bundle.directory / frame.file
-    # a symbolic link can lead outside although the path itself does not
-    if not file.resolve().is_relative_to(bundle.directory.resolve()):
-        raise BundleError(f"{place}.file: {frame.file} leads outside the bundle")
-    try:
-        content = file.read_bytes()
-    except FileNotFoundError:
-        raise BundleError(f"{place}.file: {frame.file} is missing; the bundle is incomplete") from None
-    except OSError as error:
-        raise BundleError(f"{place}.file: {frame.file}: {error.strerror}") from None
+    content = _content(bundle.directory, frame.file, f"{place}.file")
     if hashlib.sha256(content).hexdigest() != frame.sha256:
         raise BundleError(f"{place}.sha256: {frame.file} has another checksum; it changed after the capture")
-    # an orientation tag must not turn the picture: the intrinsics are those of the sensor
-    flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
-    image = cv2.imdecode(np.frombuffer(content, np.uint8), flags) if content else None
-    if image is None:
-        raise BundleError(f"{place}.file: {frame.file} is not a picture that can be read")
-    camera = bundle.camera
-    height_px, width_px = image.shape[:2]
-    if (width_px, height_px) != (camera.width_px, camera.height_px):
-        raise BundleError(
-            f"{place}.file: {frame.file} is {width_px} x {height_px} px, "
-            f"but camera.width_px x camera.height_px is {camera.width_px} x {camera.height_px}"
-        )
-    return np.asarray(image, np.uint8)
+    try:
+        return decode_picture(content, bundle.camera.width_px, bundle.camera.height_px)
+    except PictureError as error:
+        raise BundleError(f"{place}.file: {frame.file} {error}") from None
+
+
+def _content(directory: Path, name: str, place: str) -> bytes:
+    """What is in a file of the bundle. ``place``: what names it, for the error."""
+    file = directory / name
+    try:
+        # a symbolic link can lead outside although the path itself does not
+        if not file.resolve().is_relative_to(directory.resolve()):
+            raise BundleError(f"{place}: {name} leads outside the bundle")
+        if file.exists() and not file.is_file():  # a pipe would be waited for
+            raise BundleError(f"{place}: {name} is not a file but a directory or a pipe")
+        return file.read_bytes()
+    except FileNotFoundError:
+        raise BundleError(f"{place}: {name} is missing; the bundle is incomplete") from None
+    except OSError as error:
+        raise BundleError(f"{place}: {name}: {error.strerror}") from None
+    except RuntimeError:  # of a link that leads to itself
+        raise BundleError(f"{place}: {name} is a link that leads nowhere") from None
 
 
 def sha256_of(path: Path) -> str:

@@ -51,6 +51,8 @@ QUIET = 0.2
 """The least that is taken for a DEM's error in that, in terms of what is usual."""
 FEW_ASTRAY, CLEARLY_FEWER = 0.9, 0.05
 SAME_PLACE_CELLS = 2.0
+SMALLEST_SIGMA_M = 0.01
+"""Of an altimeter; less is a promise that nobody keeps and that the equations cannot be solved with."""
 SMALLEST_SIGMA_PX = 0.15
 """No skyline in a picture is known better than this: lens, blur and the roundness of things."""
 
@@ -135,7 +137,7 @@ def observe(bundle: Bundle, skylines: list[Skyline]) -> Observation:
         frames=tuple(frames),
         mast_height_m=bundle.mast_height_m,
         altitude_m=bundle.altitude.value_m if bundle.altitude else None,
-        altitude_sigma_m=bundle.altitude.sigma_m if bundle.altitude else np.inf,
+        altitude_sigma_m=max(bundle.altitude.sigma_m, SMALLEST_SIGMA_M) if bundle.altitude else np.inf,
         azimuth_bias_sigma_deg=bundle.azimuth_bias_sigma_deg,
         tilt_bias_sigma_deg=bundle.tilt_bias_sigma_deg,
         prior=PriorCircle(prior.lat_deg, prior.lon_deg, prior.radius_m) if prior else None,
