@@ -22,6 +22,7 @@ from pydantic import (
     model_validator,
 )
 
+from localizer.camera import invertible_share
 from localizer.errors import SkyfixError
 from localizer.picture import MOST_PIXELS, PictureError, decode_picture
 
@@ -70,6 +71,8 @@ UtcTime: TypeAlias = Annotated[datetime, AfterValidator(_utc)]
 PixelCount: TypeAlias = Annotated[int, Field(gt=0, le=32768)]
 NARROWEST_VIEW_DEG, WIDEST_VIEW_DEG = 0.2, 170.0
 """Of a camera that skylines can be seen with, and a pinhole model stands for."""
+LEAST_INVERTIBLE = 0.6
+"""Share of a picture where a lens model must be one to one; many fold over in the corners."""
 FocalLength: TypeAlias = Annotated[float, Field(gt=0.0, le=1e6)]
 Distortion: TypeAlias = Annotated[float, Field(ge=-1e3, le=1e3)]
 Azimuth: TypeAlias = Annotated[float, Field(ge=0.0, lt=360.0)]
@@ -112,6 +115,8 @@ class Camera(_Part):
                 )
             if not -size <= centre <= 2 * size:
                 raise ValueError(f"c{axis}_px {centre:g} is far outside a picture of {size} px")
+        if invertible_share(self, width, height) < LEAST_INVERTIBLE:
+            raise ValueError(f"distortion {self.distortion} folds most of the picture onto itself")
         return self
 
 

@@ -80,6 +80,18 @@ def project(
     return u, v
 
 
+def invertible_share(camera: Intrinsics, width_px: int, height_px: int) -> float:
+    """Share of a picture's pixels whose rays, seen through the lens model, come back to them within a pixel."""
+    u, v = (grid.ravel() for grid in np.meshgrid(*(np.linspace(0, n - 1, 9) for n in (width_px, height_px))))
+    with np.errstate(all="ignore"):  # where the model breaks down, that shows below
+        rays = pixel_rays(camera, u, v)
+        back, _ = cv2.projectPoints(
+            rays.reshape(-1, 1, 3), np.zeros(3), np.zeros(3), _matrix(camera), np.asarray(camera.distortion)
+        )
+        off_px = np.linalg.norm(np.asarray(back).reshape(-1, 2) - np.column_stack([u, v]), axis=1)
+    return float(np.mean(np.isfinite(off_px) & (off_px < 1.0)))
+
+
 def direction_vectors(azimuth_deg: Floats, elevation_deg: Floats) -> Floats:
     """Unit vectors (n, 3), east, north, up, of azimuths clockwise from north and elevations above the horizontal."""
     a, e = np.radians(azimuth_deg).ravel(), np.radians(elevation_deg).ravel()
