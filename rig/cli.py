@@ -23,6 +23,7 @@ from rig.config import config_path, load_config
 from rig.directions import Direction, parse_directions
 from rig.move_command import move
 from rig.record_command import record
+from rig.service.commands import service
 from rig.signals import stopping_cleanly
 from rig.watch.command import watch
 
@@ -144,6 +145,7 @@ rig.add_command(bundle)
 rig.add_command(record)
 rig.add_command(move)
 rig.add_command(watch)
+rig.add_command(service)
 
 
 @rig.command()

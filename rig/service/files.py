@@ -1,0 +1,82 @@
+"""The files of the service: what belongs where, and whether what lies there is ours and as it should be.
+
+Each file begins with a line that says who put it there, with the hash of the rest: it tells an older version of ours,
+which may be replaced and removed, from one that somebody has edited, which may not.
+"""
+
+import hashlib
+import re
+import sysconfig
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Literal
+
+from rig.errors import RigError
+
+State = Literal["absent", "installed", "another version", "changed by hand"]
+
+_HEAD = "# Put here by rig service install, which replaces it: make no changes here. sha256 of the rest: "
+
+
+@dataclass(frozen=True)
+class ServiceFile:
+    """A file and its place below the root."""
+
+    path: Path
+    content: bytes
+
+    def at(self, root: Path) -> Path:
+        """Where it belongs on this machine."""
+        return root / self.path
+
+    def state(self, root: Path) -> State:
+        """How the file in place compares. Raises ``OSError`` where it cannot be read."""
+        try:
+            found = self.at(root).read_bytes()
+        except (FileNotFoundError, NotADirectoryError):
+            return "absent"
+        if found == self.content:
+            return "installed"
+        head, _, rest = found.partition(b"\n")
+        return "another version" if head == _head(rest) else "changed by hand"
+
+
+def service_files() -> list[ServiceFile]:
+    """All of them, for the installation that this program runs in."""
+    units = resources.files("rig.service") / "units"
+    unit = _started_by((units / "skyfix.service").read_text(encoding="utf-8"), program())
+    texts = {
+        "etc/sysusers.d/skyfix.conf": (units / "skyfix.sysusers").read_text(encoding="utf-8"),
+        "etc/tmpfiles.d/skyfix.conf": (units / "skyfix.tmpfiles").read_text(encoding="utf-8"),
+        "etc/udev/rules.d/70-skyfix.rules": (units / "70-skyfix.rules").read_text(encoding="utf-8"),
+        "etc/systemd/system/skyfix.service": unit,
+        "etc/skyfix/vehicle.example.toml": (resources.files("rig.service") / "vehicle.toml").read_text(
+            encoding="utf-8"
+        ),
+    }
+    return [ServiceFile(Path(path), _with_head(text.encode())) for path, text in texts.items()]
+
+
+def program() -> Path:
+    """The program ``rig`` of this installation."""
+    path = Path(sysconfig.get_path("scripts")) / "rig"
+    if not path.is_file():
+        raise RigError(f"{path}: there is no program rig in this installation; install skyfix with pip")
+    if not re.fullmatch(r"[\w./+@:-]+", str(path), re.ASCII):
+        raise RigError(f"{path}: a service cannot be started from a path like this; install into /opt/skyfix")
+    return path
+
+
+def _started_by(unit: str, rig: Path) -> str:
+    changed, number = re.subn(r"(?m)^ExecStart=\S+", f"ExecStart={rig}", unit)
+    assert number == 1, "skyfix.service has one ExecStart"
+    return changed
+
+
+def _head(rest: bytes) -> bytes:
+    return (_HEAD + hashlib.sha256(rest).hexdigest()).encode()
+
+
+def _with_head(rest: bytes) -> bytes:
+    return _head(rest) + b"\n" + rest
