@@ -6,7 +6,7 @@ from matplotlib.colors import LinearSegmentedColormap
 from numpy.typing import NDArray
 
 from localizer.dem import Dem
-from localizer.geodesy import metric_to_rowcol
+from localizer.geodesy import metric_to_rowcol, rowcol_to_metric
 
 Floats = NDArray[np.float64]
 
@@ -69,6 +69,14 @@ def relief_image(dem: Dem, bounds_m: tuple[float, float, float, float], pixels: 
     image = np.clip(tint * (0.42 + 0.8 * hillshade(z_m, step_m, reach))[..., None], 0.0, 1.0)
     image[np.isnan(z_m)] = VOID_GREY
     return np.asarray(image)
+
+
+def dem_bounds_m(dem: Dem) -> tuple[float, float, float, float]:
+    """West, east, south, north of its corner cells' centres in its metric CRS."""
+    easting_m, northing_m = rowcol_to_metric(
+        dem, [0.0, 0.0, dem.rows - 1, dem.rows - 1], [0.0, dem.cols - 1, 0.0, dem.cols - 1]
+    )
+    return float(easting_m.min()), float(easting_m.max()), float(northing_m.min()), float(northing_m.max())
 
 
 def hillshade(z_m: Floats, step_m: float, reach: int = 1) -> Floats:

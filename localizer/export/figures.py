@@ -16,7 +16,7 @@ from localizer.export.places import Place, ellipse_ring_m
 from localizer.export.posterior import Posterior
 from localizer.geodesy import rowcol_to_metric
 from localizer.plot import DOUBTFUL, PLACE, draw_frame, draw_map, few_ticks, outline_cells, stages
-from localizer.relief import draw_relief
+from localizer.relief import dem_bounds_m, draw_relief
 from localizer.report import CHI2_95, Truth
 
 Floats = NDArray[np.float64]
@@ -89,7 +89,7 @@ def funnel_picture(result: LocateResult, dem: Dem) -> bytes:
     steps = stages(result.details)
     across = len(steps) if len(steps) <= FUNNEL_ACROSS + 1 else FUNNEL_ACROSS
     down = -(-len(steps) // across)
-    bounds_m = _bounds_m(dem)
+    bounds_m = dem_bounds_m(dem)
     aspect = (bounds_m[3] - bounds_m[2]) / (bounds_m[1] - bounds_m[0])
     wide = 10.0 / across
     figure = _figure(10.0, down * (wide * aspect + 0.35))
@@ -110,7 +110,7 @@ def funnel_picture(result: LocateResult, dem: Dem) -> bytes:
 
 def map_picture(result: LocateResult, places: Sequence[Place], dem: Dem, truth: Truth | None) -> bytes:
     """The whole DEM with all steps on one map, the fix or the numbered candidates."""
-    west_m, east_m, south_m, north_m = _bounds_m(dem)
+    west_m, east_m, south_m, north_m = dem_bounds_m(dem)
     figure = _figure(10.0, 1.0 + 9.0 * (north_m - south_m) / (east_m - west_m))
     axes = figure.add_subplot()
     draw_map(axes, result, dem, truth)
@@ -223,13 +223,6 @@ def _near(posterior: Posterior, place: Place, probability: NDArray[np.float32]) 
     row, col = round(place.row) - posterior.first_row, round(place.col) - posterior.first_col
     part = probability[max(row - 3, 0) : max(row + 4, 0), max(col - 3, 0) : max(col + 4, 0)]
     return max(float(part.max()) if part.size else 0.0, 1e-9)
-
-
-def _bounds_m(dem: Dem) -> tuple[float, float, float, float]:
-    easting_m, northing_m = rowcol_to_metric(
-        dem, [0.0, 0.0, dem.rows - 1, dem.rows - 1], [0.0, dem.cols - 1, 0.0, dem.cols - 1]
-    )
-    return float(easting_m.min()), float(easting_m.max()), float(northing_m.min()), float(northing_m.max())
 
 
 def _figure(width_inches: float, height_inches: float) -> Figure:

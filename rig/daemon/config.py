@@ -84,6 +84,10 @@ class HttpServer(Section):
     listen: HostPort = "127.0.0.1:8080"
     token_file: Annotated[Path | None, Field(strict=False)] = None
     """Holds the token that anything which acts has to show; without one nothing can be done over HTTP, only read."""
+    names: Annotated[tuple[str, ...], Field(strict=False)] = ()
+    """By which the machine may be asked beside its host name, localhost and addresses."""
+    valid_s: Seconds = 30.0
+    """A fix is called current for so long after its capture."""
 
 
 class RunSection(Section):

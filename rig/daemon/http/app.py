@@ -1,0 +1,193 @@
+"""All paths of the server."""
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import anyio.to_thread
+from fastapi import Depends, FastAPI, HTTPException, Request
+from fastapi.sse import EventSourceResponse, ServerSentEvent
+from fastapi.staticfiles import StaticFiles
+from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
+from starlette.responses import FileResponse, JSONResponse, Response
+
+from localizer.errors import SkyfixError
+from rig.daemon.board import Actions, Board
+from rig.daemon.config import HttpServer
+from rig.daemon.http.bundles import NOT_FOUND, BundleStore, Limit, bundle_routes
+from rig.daemon.http.guard import Guard, token_check
+from rig.daemon.http.map import ReliefMap
+from rig.daemon.http.metrics import metrics_registry
+from rig.daemon.http.models import (
+    TRIGGER_PROBLEM,
+    TRIGGER_STATUS,
+    CaptureAnswer,
+    LatestAnswer,
+    LogEvent,
+    MapSheet,
+    Problem,
+    State,
+    TrackPoint,
+    latest_answer,
+    log_event,
+    state_of,
+    track_point,
+)
+from rig.daemon.http.relay import Relay, Stream, TooManyStreamsError
+from rig.readings import Instant
+
+PAGE = Path(__file__).parent / "page"
+MOST_THREADS = 8
+"""For what reads the disk; one picture each is enough for a page."""
+DESCRIPTION = (
+    "Where the vehicle is, and how that is known. Reading is open to whoever reaches the server; what acts wants the "
+    "token. An answer is of the moment of its capture: see age_s and current before using one."
+)
+
+TROUBLE: dict[int | str, dict[str, Any]] = {
+    503: {"model": Problem, "description": "Not now: the spool or the map cannot be read."}
+}
+
+
+def make_app(
+    section: HttpServer,
+    board: Board,
+    actions: Actions,
+    spool: BundleStore,
+    relay: Relay,
+    relief: ReliefMap,
+    token: str | None,
+) -> FastAPI:
+    """The application; everything that it needs is given, and nothing else is reached."""
+
+    @asynccontextmanager
+    async def lifespan(_: FastAPI) -> AsyncIterator[None]:
+        anyio.to_thread.current_default_thread_limiter().total_tokens = MOST_THREADS
+        async with relay.running():
+            yield
+
+    app = FastAPI(
+        title="skyfix", version="1", description=DESCRIPTION, lifespan=lifespan, docs_url=None, redoc_url=None
+    )
+    app.add_middleware(Guard, names=section.names)
+    _add_state(app, section, board, token is not None)
+    _add_events(app, relay)
+    _add_actions(app, actions, token)
+    _add_map(app, spool, relief)
+    app.include_router(bundle_routes(spool), responses=TROUBLE)
+    registry = metrics_registry(board, relay)
+
+    @app.get(
+        "/metrics", tags=["state"], response_class=Response, responses={200: {"content": {"text/plain": {}}}}
+    )
+    async def metrics() -> Response:
+        """For Prometheus."""
+        return Response(generate_latest(registry), media_type=CONTENT_TYPE_LATEST)
+
+    @app.exception_handler(SkyfixError)
+    async def expected(_: Request, error: SkyfixError) -> JSONResponse:
+        return JSONResponse({"detail": str(error)}, 503)
+
+    @app.get("/", include_in_schema=False)
+    async def page() -> FileResponse:
+        return FileResponse(PAGE / "index.html", headers={"Cache-Control": "no-cache"})
+
+    app.mount("/page", _Page(directory=PAGE))
+    return app
+
+
+class _Page(StaticFiles):
+    """The page's files; a browser asks each time whether they have changed."""
+
+    def file_response(self, *args: Any, **kwargs: Any) -> Response:
+        response = super().file_response(*args, **kwargs)
+        response.headers["Cache-Control"] = "no-cache"
+        return response
+
+
+def _add_state(app: FastAPI, section: HttpServer, board: Board, can_act: bool) -> None:
+    @app.get("/fix", tags=["state"], responses=NOT_FOUND)
+    async def fix() -> LatestAnswer:
+        """The latest answer, whatever its status, with its age; 404 as long as there is none."""
+        last = board.snapshot().last
+        if last is None:
+            raise HTTPException(404, "no answer yet: nothing has been located since the start")
+        return latest_answer(last, section.valid_s, Instant.now())
+
+    @app.get("/status", tags=["state"])
+    async def status() -> State:
+        """Everything at this moment: devices, activity, the latest answer and the latest fix."""
+        return state_of(board.snapshot(), section.valid_s, can_act, Instant.now())
+
+
+def _add_events(app: FastAPI, relay: Relay) -> None:
+    async def stream() -> AsyncIterator[Stream]:
+        try:
+            with relay.stream() as waiting:
+                yield waiting
+        except TooManyStreamsError:
+            raise HTTPException(503, "too many readers of events", {"Retry-After": "5"}) from None
+
+    @app.get(
+        "/events",
+        tags=["events"],
+        response_class=EventSourceResponse,
+        responses={503: {"model": Problem, "description": "Too many read them already."}},
+    )
+    async def events(waiting: Annotated[Stream, Depends(stream)]) -> AsyncIterator[ServerSentEvent]:
+        """Server-sent events as they happen, each a JSON object (as in /log); a comment where nothing does."""
+        yield ServerSentEvent(comment="skyfix", retry=3000)
+        while (event := await waiting.get()) is not None:
+            yield ServerSentEvent(data=log_event(event), event=event.kind, id=str(event.number))
+
+    @app.get("/log", tags=["events"])
+    async def log() -> list[LogEvent]:
+        """The last events, oldest first."""
+        return [log_event(event) for event in relay.recent()]
+
+
+def _add_actions(app: FastAPI, actions: Actions, token: str | None) -> None:
+    @app.post(
+        "/capture",
+        tags=["actions"],
+        status_code=202,
+        dependencies=[Depends(token_check(token))],
+        responses={
+            401: {"model": Problem, "description": "The token is missing or wrong."},
+            403: {"model": Problem, "description": "No token is configured."},
+            409: {"model": Problem, "description": "A capture is going on."},
+            503: {"model": Problem, "description": "A device is missing, or the daemon ends."},
+        },
+    )
+    def capture() -> CaptureAnswer:
+        """Begin a capture. One at a time, and nothing is queued."""
+        answer = actions.trigger("http")
+        if answer != "started":
+            raise HTTPException(TRIGGER_STATUS[answer], TRIGGER_PROBLEM[answer])
+        return CaptureAnswer(answer=answer)
+
+
+def _add_map(app: FastAPI, spool: BundleStore, relief: ReliefMap) -> None:
+    @app.get("/map", tags=["map"], responses=TROUBLE)
+    def sheet() -> MapSheet:
+        """What the map shows. The first to ask waits until it is drawn."""
+        return relief.get().sheet
+
+    @app.get(
+        "/map/relief.webp",
+        tags=["map"],
+        response_class=Response,
+        responses={200: {"content": {"image/webp": {}}}, **TROUBLE},
+    )
+    def picture() -> Response:
+        """The DEM as shaded relief."""
+        return Response(
+            relief.get().webp, media_type="image/webp", headers={"Cache-Control": "private, max-age=3600"}
+        )
+
+    @app.get("/track", tags=["map"], responses=TROUBLE)
+    def track(limit: Limit = 100) -> list[TrackPoint]:
+        """The fixes among the newest bundles, oldest first. What was ambiguous or none is no part of a track."""
+        points = [track_point(entry) for entry in spool.entries(limit)]
+        return [point for point in reversed(points) if point is not None]

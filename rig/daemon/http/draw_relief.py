@@ -1,0 +1,55 @@
+"""A process of its own that draws a DEM: ``python -m rig.daemon.http.draw_relief FILE...``.
+
+Standard output gets one line of JSON, the fields of ``MapSheet`` but for ``image``, and then the picture, WebP.
+"""
+
+import json
+import os
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from localizer.dem import load_dem
+from localizer.errors import SkyfixError
+from localizer.relief import dem_bounds_m, relief_image
+
+LEAST_PX, MOST_PX = 800, 2000
+PX_A_CELL = 2
+QUALITY = 85
+NICENESS = 10
+"""Nobody waits for a map while the head has to be moved."""
+
+
+def main(files: list[str]) -> int:
+    """Draw; the status is 2 where the DEM cannot be used."""
+    os.nice(NICENESS)
+    try:
+        dem = load_dem([Path(file) for file in files])
+    except SkyfixError as error:
+        print(error, file=sys.stderr)
+        return 2
+    bounds_m = dem_bounds_m(dem)
+    pixels = int(np.clip(PX_A_CELL * max(dem.rows, dem.cols), LEAST_PX, MOST_PX))
+    image = np.round(255.0 * relief_image(dem, bounds_m, pixels)).astype(np.uint8)
+    ok, webp = cv2.imencode(".webp", image[:, :, ::-1], [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
+    assert ok
+    west_m, east_m, south_m, north_m = bounds_m
+    sheet = {
+        "crs": dem.metric_crs.to_string(),
+        "west_m": west_m,
+        "east_m": east_m,
+        "south_m": south_m,
+        "north_m": north_m,
+        "width_px": image.shape[1],
+        "height_px": image.shape[0],
+        "lowest_m": float(np.nanmin(dem.z_m)),
+        "highest_m": float(np.nanmax(dem.z_m)),
+    }
+    sys.stdout.buffer.write(json.dumps(sheet).encode() + b"\n" + webp.tobytes())
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

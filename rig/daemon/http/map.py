@@ -1,0 +1,77 @@
+"""The map's ground: the DEM as shaded relief, drawn once by a process that is gone afterwards.
+
+The elevations and what reads and draws them would take some hundred megabytes of the daemon for good.
+"""
+
+import json
+import subprocess
+import sys
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from rig.daemon.http.models import MapSheet
+from rig.errors import RigError
+
+WITHIN_S = 300.0
+
+
+class MapError(RigError):
+    """There is no map."""
+
+
+@dataclass(frozen=True)
+class Relief:
+    """The picture, WebP, and what it shows."""
+
+    sheet: MapSheet
+    webp: bytes
+
+
+class ReliefMap:
+    """Drawn when first asked for; whoever asks meanwhile waits."""
+
+    def __init__(self, dem_paths: Sequence[Path]) -> None:
+        self._dem_paths = tuple(dem_paths)
+        self._drawing = threading.Lock()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._ended = False
+        self._relief: Relief | None = None
+
+    def get(self) -> Relief:
+        """The map. ``MapError`` where it cannot be drawn; the next to ask has it tried again."""
+        with self._drawing:
+            if self._relief is None:
+                self._relief = self._draw()
+            return self._relief
+
+    def end(self) -> None:
+        """Draw no more; from any thread."""
+        self._ended = True
+        process = self._process
+        if process is not None:
+            process.kill()
+
+    def _draw(self) -> Relief:
+        command = [sys.executable, "-m", "rig.daemon.http.draw_relief", *map(str, self._dem_paths)]
+        with subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        ) as process:
+            self._process = process
+            if self._ended:
+                process.kill()
+            try:
+                out, problem = process.communicate(timeout=WITHIN_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                raise MapError(f"the map took longer than {WITHIN_S:g} s to draw") from None
+            finally:
+                self._process = None
+        if process.returncode != 0:
+            lines = problem.decode(errors="replace").strip().splitlines()
+            raise MapError(
+                f"the map cannot be drawn: {lines[-1] if lines else f'status {process.returncode}'}"
+            )
+        head, webp = out.split(b"\n", 1)
+        return Relief(MapSheet(**json.loads(head), image="/map/relief.webp"), webp)

@@ -1,0 +1,278 @@
+"""What the server answers, as OpenAPI describes it. Times are UTC, ages and durations seconds."""
+
+from datetime import datetime
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict
+
+from localizer.fix import Fix, Status
+from localizer.track.report import TrackHypothesis
+from localizer.track.tracker import Mode
+from rig.daemon.board import (
+    Activity,
+    Answer,
+    DeviceState,
+    Event,
+    EventKind,
+    Snapshot,
+    TriggerAnswer,
+    TriggerSource,
+)
+from rig.daemon.spool_index import BundleState, Entry
+from rig.readings import Instant
+
+MOST_HYPOTHESES = 50
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True)
+
+
+class Problem(_Part):
+    """Why something was not done, in a sentence."""
+
+    detail: str
+
+
+class BundleAnswer(_Part):
+    """What one bundle came to; all of it is of the moment of the capture. Hypotheses: the likeliest ones."""
+
+    bundle: str
+    captured: datetime
+    answered: datetime
+    trigger: TriggerSource
+    mode: Mode
+    fix: Fix
+    hypotheses: tuple[TrackHypothesis, ...]
+    elsewhere: float
+    """The probability of none of the hypotheses."""
+    altitude_m: float | None
+    """Of the camera, above the DEM's vertical datum."""
+    vehicle_heading_deg: float | None
+    """From true north."""
+    vehicle_heading_sigma_deg: float | None
+
+
+class LatestAnswer(BundleAnswer):
+    """The same at the moment of asking."""
+
+    age_s: float
+    """Since the capture."""
+    current: bool
+    """A fix, and not older than ``valid_s``: only then the vehicle may still be there."""
+    valid_s: float
+
+
+class Device(_Part):
+    """One device of the rig."""
+
+    name: str
+    state: DeviceState
+    detail: str
+    since: datetime
+    for_s: float
+
+
+class State(_Part):
+    """Everything at this moment."""
+
+    now: datetime
+    started: datetime
+    up_s: float
+    activity: Activity
+    activity_for_s: float
+    locating: str | None
+    """The bundle that is being searched for."""
+    waiting: int
+    """Bundles that have not been located yet."""
+    degraded: bool
+    """A device that should work does not."""
+    devices: tuple[Device, ...]
+    last: LatestAnswer | None
+    """The latest answer, whatever its status."""
+    last_fix: LatestAnswer | None
+    """The latest answer that is a fix, possibly of long ago: see its age."""
+    counts: dict[str, int]
+    """What has happened so often since the start."""
+    valid_s: float
+    """A fix is current for so long."""
+    can_act: bool
+    """Whether there is a token at all: without one ``POST /capture`` is refused to all."""
+
+
+class BundleItem(_Part):
+    """One bundle of the spool's index."""
+
+    number: int
+    """Counts up with each bundle taken in."""
+    id: str
+    captured: datetime
+    trigger: TriggerSource
+    state: BundleState
+    tries: int
+    reason: str | None
+    """Why its search failed the last time."""
+    size_bytes: int
+    here: bool
+    """Whether its frames are still in the spool."""
+    status: Status | None
+    """Its answer's."""
+
+
+class TrackPoint(_Part):
+    """A fix of the past."""
+
+    bundle: str
+    captured: datetime
+    crs: str
+    easting_m: float
+    northing_m: float
+    lat_deg: float
+    lon_deg: float
+    covariance_m2: tuple[tuple[float, float], tuple[float, float]]
+
+
+class MapSheet(_Part):
+    """A picture of the whole DEM: which rectangle of which metric CRS it shows, north up, and where it is."""
+
+    crs: str
+    west_m: float
+    east_m: float
+    south_m: float
+    north_m: float
+    width_px: int
+    height_px: int
+    lowest_m: float
+    highest_m: float
+    image: str
+    """Path on this server."""
+
+
+class LogEvent(_Part):
+    """Something that happened."""
+
+    number: int
+    kind: EventKind
+    at: datetime
+    data: dict[str, Any]
+
+
+class CaptureAnswer(_Part):
+    """A capture has begun."""
+
+    answer: Literal["started"]
+
+
+TRIGGER_STATUS: dict[TriggerAnswer, int] = {"started": 202, "busy": 409, "not ready": 503, "stopping": 503}
+TRIGGER_PROBLEM: dict[TriggerAnswer, str] = {
+    "busy": "busy: a capture is going on; ask again when it has ended",
+    "not ready": "not ready: a device that a capture needs does not work; see /status",
+    "stopping": "stopping: the daemon ends",
+}
+
+
+def age_s(moment: Instant, now: Instant) -> float:
+    """Seconds from then to now; never less than nothing."""
+    return max(0.0, now.monotonic_s - moment.monotonic_s)
+
+
+def _answer_fields(answer: Answer) -> dict[str, Any]:
+    return {
+        "bundle": answer.bundle,
+        "captured": answer.captured.utc,
+        "answered": answer.answered.utc,
+        "trigger": answer.trigger,
+        "mode": answer.mode,
+        "fix": answer.fix,
+        "hypotheses": answer.hypotheses[:MOST_HYPOTHESES],
+        "elsewhere": answer.elsewhere,
+        "altitude_m": answer.altitude_m,
+        "vehicle_heading_deg": answer.vehicle_heading_deg,
+        "vehicle_heading_sigma_deg": answer.vehicle_heading_sigma_deg,
+    }
+
+
+def bundle_answer(answer: Answer) -> BundleAnswer:
+    """An answer of any time."""
+    return BundleAnswer(**_answer_fields(answer))
+
+
+def latest_answer(answer: Answer, valid_s: float, now: Instant) -> LatestAnswer:
+    """An answer of this run of the computer, with its age."""
+    old_s = age_s(answer.captured, now)
+    current = answer.fix.status == "fix" and old_s <= valid_s
+    return LatestAnswer(**_answer_fields(answer), age_s=old_s, current=current, valid_s=valid_s)
+
+
+def state_of(snapshot: Snapshot, valid_s: float, can_act: bool, now: Instant) -> State:
+    """The board's snapshot with ages."""
+
+    def latest(answer: Answer | None) -> LatestAnswer | None:
+        return latest_answer(answer, valid_s, now) if answer else None
+
+    return State(
+        now=now.utc,
+        started=snapshot.started.utc,
+        up_s=age_s(snapshot.started, now),
+        activity=snapshot.activity,
+        activity_for_s=age_s(snapshot.activity_since, now),
+        locating=snapshot.locating,
+        waiting=snapshot.waiting,
+        degraded=snapshot.degraded,
+        devices=tuple(
+            Device(
+                name=device.name,
+                state=device.state,
+                detail=device.detail,
+                since=device.since.utc,
+                for_s=age_s(device.since, now),
+            )
+            for device in snapshot.devices
+        ),
+        last=latest(snapshot.last),
+        last_fix=latest(snapshot.last_fix),
+        counts=dict(snapshot.counts),
+        valid_s=valid_s,
+        can_act=can_act,
+    )
+
+
+def bundle_item(entry: Entry) -> BundleItem:
+    """A row of the index."""
+    return BundleItem(
+        number=entry.number,
+        id=entry.bundle,
+        captured=entry.captured,
+        trigger=entry.trigger,
+        state=entry.state,
+        tries=entry.tries,
+        reason=entry.reason,
+        size_bytes=entry.size_bytes,
+        here=entry.here,
+        status=entry.answer.fix.status if entry.answer else None,
+    )
+
+
+def track_point(entry: Entry) -> TrackPoint | None:
+    """Where a bundle's fix was; None where it is none."""
+    answer = entry.answer
+    if answer is None or answer.fix.status != "fix":
+        return None
+    position, covariance_m2 = answer.fix.position, answer.fix.covariance_m2
+    assert position is not None
+    assert covariance_m2 is not None
+    return TrackPoint(
+        bundle=entry.bundle,
+        captured=answer.captured.utc,
+        crs=position.crs,
+        easting_m=position.easting_m,
+        northing_m=position.northing_m,
+        lat_deg=position.lat_deg,
+        lon_deg=position.lon_deg,
+        covariance_m2=covariance_m2,
+    )
+
+
+def log_event(event: Event) -> LogEvent:
+    """An event as JSON."""
+    return LogEvent(number=event.number, kind=event.kind, at=event.at.utc, data=dict(event.data))

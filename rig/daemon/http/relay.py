@@ -1,0 +1,97 @@
+"""From the board's events, in threads, to the streams of the server's loop; and the last ones for who comes later."""
+
+import asyncio
+import threading
+from collections import deque
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, contextmanager
+
+from rig.daemon.board import Board, Event
+
+MOST_STREAMS = 16
+KEPT = 200
+WAITING = 256
+POLL_S = 0.1
+
+Stream = asyncio.Queue[Event | None]
+
+
+class TooManyStreamsError(Exception):
+    """No further stream is served for now."""
+
+
+class Relay:
+    """One subscription for all streams. A stream that does not keep up is ended: its reader has to ask anew anyway."""
+
+    def __init__(self, board: Board) -> None:
+        self._board = board
+        self._recent: deque[Event] = deque(maxlen=KEPT)
+        self._streams: set[Stream] = set()
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._ended = threading.Event()
+
+    @asynccontextmanager
+    async def running(self) -> AsyncIterator[None]:
+        """Relay events to the running loop's streams while the context lasts."""
+        self._loop = asyncio.get_running_loop()
+        thread = threading.Thread(target=self._relay, name="http-events", daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            self._ended.set()
+            await asyncio.to_thread(thread.join)
+
+    def end(self) -> None:
+        """End all streams, now and later; from any thread."""
+        self._ended.set()
+
+    def recent(self) -> list[Event]:
+        """The last events, oldest first."""
+        return list(self._recent)
+
+    @property
+    def streams(self) -> int:
+        """How many are served."""
+        return len(self._streams)
+
+    @contextmanager
+    def stream(self) -> Iterator[Stream]:
+        """Events from now on, None at their end; in the loop. ``TooManyStreamsError`` beyond ``MOST_STREAMS``."""
+        if len(self._streams) >= MOST_STREAMS:
+            raise TooManyStreamsError
+        stream: Stream = asyncio.Queue(WAITING)
+        self._streams.add(stream)
+        if self._ended.is_set():
+            stream.put_nowait(None)
+        try:
+            yield stream
+        finally:
+            self._streams.discard(stream)
+
+    def _relay(self) -> None:
+        assert self._loop is not None
+        with self._board.subscribed() as subscription:
+            while not self._ended.is_set():
+                event = subscription.get(POLL_S)
+                if event is not None:
+                    self._loop.call_soon_threadsafe(self._spread, event)
+        self._loop.call_soon_threadsafe(self._end_streams)
+
+    def _spread(self, event: Event) -> None:
+        self._recent.append(event)
+        for stream in tuple(self._streams):
+            if stream.full():
+                self._end_stream(stream)
+            else:
+                stream.put_nowait(event)
+
+    def _end_streams(self) -> None:
+        for stream in tuple(self._streams):
+            self._end_stream(stream)
+
+    def _end_stream(self, stream: Stream) -> None:
+        self._streams.discard(stream)
+        if stream.full():
+            stream.get_nowait()
+        stream.put_nowait(None)

@@ -1,0 +1,105 @@
+"""uvicorn in a thread of the daemon, from the bound socket to the last stream ended."""
+
+import logging
+import socket
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import uvicorn
+
+from rig.daemon.board import Actions, Board
+from rig.daemon.config import HttpServer
+from rig.daemon.http.app import make_app
+from rig.daemon.http.bundles import BundleStore
+from rig.daemon.http.guard import read_token
+from rig.daemon.http.map import ReliefMap
+from rig.daemon.http.relay import Relay
+from rig.errors import RigError
+
+_log = logging.getLogger(__name__)
+
+MOST_CONNECTIONS = 64
+STREAMS_END_S = 1
+"""What still runs at the end has so long (whole seconds) before it is cut off."""
+STOP_S = 2.0
+SILENT_S = 30
+"""A connection whose other end acknowledges nothing for so long is given up: a phone that drove away."""
+
+
+class HttpError(RigError):
+    """The server cannot be had where the configuration wants it."""
+
+
+@contextmanager
+def serving(
+    section: HttpServer, board: Board, actions: Actions, spool: BundleStore, dem_paths: Sequence[Path]
+) -> Iterator[str]:
+    """Serve while the context lasts, and yield the URL; with port 0 the system chooses one.
+
+    Raises ``ConfigError`` for a token that cannot be used, ``HttpError`` where the address is taken or not this machine's.
+    """
+    token = read_token(section.token_file) if section.token_file else None
+    listening = _listen(section.listen)
+    relay, relief = Relay(board), ReliefMap(dem_paths)
+    app = make_app(section, board, actions, spool, relay, relief, token)
+    server = uvicorn.Server(
+        uvicorn.Config(
+            app,
+            http="h11",
+            ws="none",
+            loop="asyncio",
+            lifespan="on",
+            log_config=None,
+            log_level=logging.WARNING,
+            access_log=False,
+            proxy_headers=False,
+            server_header=False,
+            limit_concurrency=MOST_CONNECTIONS,
+            timeout_graceful_shutdown=STREAMS_END_S,
+        )
+    )
+    thread = threading.Thread(target=server.run, args=([listening],), name="http", daemon=True)
+    thread.start()
+    try:
+        yield _url(listening)
+    finally:
+        relay.end()
+        relief.end()
+        server.should_exit = True
+        thread.join(STOP_S)
+        if thread.is_alive():
+            _log.warning("the HTTP server did not end within %g s; it is left behind", STOP_S)
+        listening.close()
+
+
+def _listen(address: str) -> socket.socket:
+    host, _, port = address.rpartition(":")
+    host = host.strip("[]")
+    try:
+        family, kind, protocol, _, where = socket.getaddrinfo(host, int(port), type=socket.SOCK_STREAM)[0]
+        listening = socket.socket(family, kind, protocol)
+    except OSError as error:
+        raise _refused(address, error) from error
+    try:
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        # each connection inherits it
+        listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, SILENT_S * 1000)
+        listening.bind(where)
+        listening.listen()
+    except OSError as error:
+        listening.close()
+        raise _refused(address, error) from error
+    return listening
+
+
+def _refused(address: str, error: OSError) -> HttpError:
+    return HttpError(
+        f"[run.http] listen {address}: {error.strerror}; give another address, or end what listens there"
+    )
+
+
+def _url(listening: socket.socket) -> str:
+    host, port = listening.getsockname()[:2]
+    return f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
