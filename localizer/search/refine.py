@@ -84,6 +84,7 @@ class Refined:
     col: float
     altitude_m: float
     azimuth_bias_deg: float
+    azimuth_bias_sigma_deg: float
     tilt_bias_deg: float
     frame_errors_deg: Floats
     covariance_enu_m2: Floats
@@ -618,6 +619,7 @@ def _result(
         col=col,
         altitude_m=float(x[ALTITUDE]),
         azimuth_bias_deg=float(x[AZIMUTH_BIAS]),
+        azimuth_bias_sigma_deg=float(np.sqrt(covariance[AZIMUTH_BIAS, AZIMUTH_BIAS])),
         tilt_bias_deg=float(x[TILT_BIAS]),
         frame_errors_deg=x[FIRST_FRAME:].reshape(-1, PER_FRAME),
         covariance_enu_m2=covariance[:2, :2] + np.eye(2) * _shift_sigma_m(problem, noise.model) ** 2,

@@ -98,13 +98,17 @@ class Tracker(BaseModel):
 
 @dataclass(frozen=True)
 class Step:
-    """What one bundle came to. ``posteriors`` are all hypotheses after it, seen by it or not; ``tracker`` the new state."""
+    """What one bundle came to. ``posteriors`` are all hypotheses after it, seen by it or not; ``tracker`` the new state.
+
+    ``best`` is the fix's place with all that was solved for there, None where there is none.
+    """
 
     bundle: str
     mode: Mode
     fix: Fix
     posteriors: tuple[Posterior, ...]
     tracker: Tracker
+    best: Refined | None
 
     @property
     def elsewhere(self) -> float:
@@ -139,7 +143,8 @@ def follow(
     timing = {**(timing_s or {}), **located.timing_s}
     if located.best is None:
         fix = fix_of(terrain, observation, located, bundle_id, timing)
-        return Step(bundle_id, mode, fix, tuple(Posterior(h, None) for h in moved.now.hypotheses), moved)
+        kept = tuple(Posterior(h, None) for h in moved.now.hypotheses)
+        return Step(bundle_id, mode, fix, kept, moved, None)
     candidates = _candidates(located.decision, located.best)
     look = _look(terrain, located, candidates, area_m2)
     again = moved.since_m is not None and float(np.hypot(*moved.since_m)) < _same_spot_m(terrain)
@@ -149,14 +154,14 @@ def follow(
     answer = _answer(terrain, located, candidates, posteriors) if known.hypotheses else located
     fix = fix_of(terrain, observation, answer, bundle_id, timing)
     if again and located.best.evidence < moved.look_evidence:
-        return Step(bundle_id, mode, fix, posteriors, moved)
+        return Step(bundle_id, mode, fix, posteriors, moved, answer.best)
     after = Tracker(
         now=mixture_of(posteriors),
         before=known,
         since_m=(0.0, 0.0),
         look_evidence=located.best.evidence,
     )
-    return Step(bundle_id, mode, fix, posteriors, after)
+    return Step(bundle_id, mode, fix, posteriors, after, answer.best)
 
 
 def _moved(tracker: Tracker, leg: Movement | None, area_m2: float) -> Tracker:

@@ -15,7 +15,7 @@ import os
 import shutil
 import sqlite3
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
@@ -26,6 +26,7 @@ from localizer.track.odometry import Movement
 from localizer.track.tracker import Tracker
 from rig.bundle_writer import LEAST_FREE_BYTES
 from rig.daemon.board import Answer, TriggerSource
+from rig.daemon.boot import boot_id
 from rig.daemon.spool_index import (
     ANSWER,
     SELECT,
@@ -128,7 +129,8 @@ class Spool:
     def begin_capture(self, trigger: TriggerSource, leg: Movement | None) -> None:
         """Note why a capture is taken and how the vehicle came here since the last one, before it can be lost."""
         with self._transaction() as db:
-            remember(db, "capturing", json.dumps({"trigger": trigger, "leg": leg_json(leg)}))
+            intent = {"trigger": trigger, "leg": leg_json(leg), "boot": boot_id()}
+            remember(db, "capturing", json.dumps(intent))
 
     def end_capture(self) -> str | None:
         """Take the new bundle in; returns its id, None where the capture left none."""
@@ -156,7 +158,7 @@ class Spool:
                 int(tracked),
                 entry.number,
             )
-        return Tracker.from_json(text), composed([leg_of(leg) for (leg,) in legs])
+        return Tracker.from_json(text), composed([leg_of(json.loads(leg or "null")) for (leg,) in legs])
 
     def set_answer(self, answer: Answer, tracker: Tracker) -> None:
         """Store what a bundle came to and the tracker's state after it, both or neither."""
@@ -241,13 +243,7 @@ class Spool:
                     )
                 intent = json.loads(recall(db, "capturing") or "{}")
                 for name in new:
-                    is_last = name == new[-1]
-                    self._take_in(
-                        db,
-                        name,
-                        intent.get("trigger", "found") if is_last else "found",
-                        intent.get("leg") if is_last else None,
-                    )
+                    self._take_in(db, name, intent if name == new[-1] else {})
                 db.execute("DELETE FROM memory WHERE name = 'capturing'")
                 db.execute(
                     "DELETE FROM bundles WHERE NOT here AND number <= (SELECT max(number) FROM bundles) - ?",
@@ -255,15 +251,17 @@ class Spool:
                 )
         return new
 
-    def _take_in(self, db: sqlite3.Connection, name: str, trigger: str, leg: object) -> None:
+    def _take_in(self, db: sqlite3.Connection, name: str, intent: Mapping[str, Any]) -> None:
         folder = self.bundles_dir / name
         size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
-        captured = datetime.fromtimestamp((folder / FILE_NAME).stat().st_mtime, UTC)
+        captured = datetime.fromtimestamp((folder / FILE_NAME).stat().st_mtime, UTC).isoformat()
+        trigger, boot, leg = intent.get("trigger", "found"), intent.get("boot"), intent.get("leg")
         db.execute(
-            "INSERT INTO bundles (bundle, captured, trigger, leg, bytes, state) VALUES (?, ?, ?, ?, ?, 'waiting') "
+            "INSERT INTO bundles (bundle, captured, trigger, boot, leg, bytes, state) "
+            "VALUES (?, ?, ?, ?, ?, ?, 'waiting') "
             "ON CONFLICT (bundle) DO UPDATE SET here = 1, bytes = excluded.bytes, tries = 0, "
             "state = CASE WHEN answer IS NULL THEN 'waiting' ELSE 'located' END",
-            (name, captured.isoformat(), trigger, json.dumps(leg) if leg else None, size),
+            (name, captured, trigger, boot, json.dumps(leg) if leg else None, size),
         )
 
     def _delete(self, bundle: str) -> None:

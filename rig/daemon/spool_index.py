@@ -1,11 +1,11 @@
 """The spool's index: its tables, how it is opened, and its rows as what they stand for."""
 
-import json
 import sqlite3
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from pydantic import TypeAdapter
@@ -23,6 +23,7 @@ CREATE TABLE bundles (
     bundle TEXT NOT NULL UNIQUE,
     captured TEXT NOT NULL,
     trigger TEXT NOT NULL,
+    boot TEXT,
     leg TEXT,
     bytes INTEGER NOT NULL,
     state TEXT NOT NULL CHECK (state IN ('waiting', 'located', 'failed')),
@@ -46,12 +47,17 @@ class SpoolFullError(SpoolError):
 
 @dataclass(frozen=True)
 class Entry:
-    """One bundle of the index. ``reason`` says why it failed the last time; ``here`` whether its folder is still there."""
+    """One bundle of the index.
+
+    ``boot`` names the computer's run in which it was captured, if that is known: monotonic times are of that run.
+    ``reason`` says why it failed the last time; ``here`` whether its folder is still there.
+    """
 
     number: int
     bundle: str
     captured: datetime
     trigger: TriggerSource
+    boot: str | None
     state: BundleState
     tries: int
     reason: str | None
@@ -70,19 +76,22 @@ def composed(legs: list[Movement | None]) -> Movement | None:
     )
 
 
-SELECT = "SELECT number, bundle, captured, trigger, state, tries, reason, bytes, here, answer FROM bundles"
+SELECT = (
+    "SELECT number, bundle, captured, trigger, boot, state, tries, reason, bytes, here, answer FROM bundles"
+)
 
 
 def entry_of(
-    row: tuple[int, str, str, TriggerSource, BundleState, int, str | None, int, int, str | None],
+    row: tuple[int, str, str, TriggerSource, str | None, BundleState, int, str | None, int, int, str | None],
 ) -> Entry:
-    number, bundle, captured, trigger, state, tries, reason, size, here, answer = row
+    number, bundle, captured, trigger, boot, state, tries, reason, size, here, answer = row
     assert trigger in get_args(TriggerSource)
     return Entry(
         number,
         bundle,
         datetime.fromisoformat(captured),
         trigger,
+        boot,
         state,
         tries,
         reason,
@@ -92,14 +101,15 @@ def entry_of(
     )
 
 
-def leg_json(leg: Movement | None) -> dict[str, object] | None:
+def leg_json(leg: Movement | None) -> dict[str, Any] | None:
+    """A movement as JSON values."""
     return leg and {"step_m": leg.step_m.tolist(), "covariance_m2": leg.covariance_m2.tolist()}
 
 
-def leg_of(text: str | None) -> Movement | None:
-    if text is None:
+def leg_of(fields: Mapping[str, Any] | None) -> Movement | None:
+    """What ``leg_json`` made."""
+    if fields is None:
         return None
-    fields = json.loads(text)
     return Movement(np.array(fields["step_m"]), np.array(fields["covariance_m2"]))
 
 

@@ -1,0 +1,167 @@
+"""The worker process from the daemon's side: started, asked, watched, and ended where it takes too much."""
+
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from localizer.track.odometry import Movement
+from localizer.track.report import TrackLine
+from localizer.track.tracker import Tracker
+from rig.bus.deadline import Deadline
+from rig.daemon.spool_index import leg_json
+from rig.errors import RigError
+
+STARTING_S = 1200.0
+"""The very first start compiles the kernels; on a small computer that takes many minutes."""
+POLL_S = 0.1
+_PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
+
+
+class SearchFailedError(RigError):
+    """A search came to no answer: it crashed, took too much memory or time, or the bundle cannot be read."""
+
+
+@dataclass(frozen=True)
+class Standing:
+    """What a bundle says of itself: when its last frame was taken, on both clocks, and the vehicle's heading then."""
+
+    utc: str
+    monotonic_s: float | None
+    heading_deg: float | None
+    mounting_sigmas_deg: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Found:
+    """What the worker found out about a bundle."""
+
+    track: TrackLine
+    tracker: Tracker
+    altitude_m: float | None
+    azimuth_bias_sigma_deg: float | None
+    standing: Standing
+
+
+class SearchProcess:
+    """One worker. ``beat`` is called while it is waited for; it may raise, to end the waiting and the worker."""
+
+    def __init__(
+        self, dem: Sequence[Path], memory_mb: int, time_s: float, beat: Callable[[], None] = lambda: None
+    ) -> None:
+        self.dem = tuple(dem)
+        self._limits = memory_mb, time_s
+        self._beat = beat
+        self._rest = b""
+        self._process = subprocess.Popen(
+            [sys.executable, "-X", "faulthandler", "-m", "rig.daemon.search_worker"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            bufsize=0,
+        )
+        try:
+            self._send({"dem": [str(file) for file in self.dem]})
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def pid(self) -> int:
+        """Of the worker."""
+        return self._process.pid
+
+    @property
+    def memory_mb(self) -> float:
+        """What the worker holds in memory at this moment; 0 where it has ended."""
+        try:
+            resident = Path(f"/proc/{self.pid}/statm").read_text(encoding="ascii").split()[1]
+        except (OSError, IndexError):
+            return 0.0
+        return int(resident) * _PAGE_BYTES / 1e6
+
+    def wait_ready(self) -> None:
+        """Wait until terrain and kernels are loaded. ``SearchFailedError`` where the DEM cannot be used, or it crashed."""
+        self._receive(STARTING_S, "was not ready")
+
+    def search(self, bundle_dir: Path, tracker: Tracker, leg: Movement | None) -> Found:
+        """What a bundle comes to. After a ``SearchFailedError`` the worker may be gone: see ``alive``."""
+        state = tracker.model_dump(mode="json", by_alias=True)
+        self._send({"bundle": str(bundle_dir), "tracker": state, "leg": leg_json(leg)})
+        fields = self._receive(self._limits[1], "took longer than [run.search] time_s")
+        return Found(
+            TrackLine.model_validate(fields["track"], strict=False),
+            Tracker.model_validate(fields["tracker"], strict=False),
+            fields["altitude_m"],
+            fields["azimuth_bias_sigma_deg"],
+            Standing(**fields["standing"]),
+        )
+
+    @property
+    def alive(self) -> bool:
+        """Whether it can be asked again."""
+        return self._process.poll() is None
+
+    def close(self) -> None:
+        """End it at once, whatever it does."""
+        self._process.kill()
+        self._process.wait()
+        for pipe in (self._process.stdin, self._process.stdout):
+            if pipe:
+                pipe.close()
+
+    def _send(self, message: dict[str, Any]) -> None:
+        assert self._process.stdin
+        try:
+            self._process.stdin.write(json.dumps(message).encode() + b"\n")
+        except BrokenPipeError:
+            raise SearchFailedError(self._end()) from None
+
+    def _receive(self, within_s: float, late: str) -> dict[str, Any]:
+        """The next message. Ends the worker where none comes, or it grows too large."""
+        assert self._process.stdout
+        deadline, largest_mb = Deadline.after(within_s), self._limits[0]
+        while b"\n" not in self._rest:
+            try:
+                self._beat()
+            except BaseException:
+                self.close()
+                raise
+            if deadline.expired:
+                self.close()
+                raise SearchFailedError(f"the search {late}: ended after {within_s:g} s")
+            if self.memory_mb > largest_mb:
+                self.close()
+                raise SearchFailedError(
+                    f"the search took more than [run.search] memory_mb = {largest_mb}: ended"
+                )
+            if not select.select([self._process.stdout], [], [], POLL_S)[0]:
+                continue
+            part = os.read(self._process.stdout.fileno(), 1 << 16)
+            if not part:
+                raise SearchFailedError(self._end())
+            self._rest += part
+        line, self._rest = self._rest.split(b"\n", 1)
+        message: dict[str, Any] = json.loads(line)
+        if "error" in message:
+            raise SearchFailedError(message["error"])
+        return message
+
+    def _end(self) -> str:
+        """How the worker ended, for people."""
+        waited = Deadline.after(1.0)
+        while self.alive and not waited.expired:
+            time.sleep(0.01)
+        status = self._process.poll()
+        self.close()
+        if status is None:
+            return "the search closed its output and went on: ended"
+        if status < 0:
+            return f"the search crashed: {signal.Signals(-status).name}"
+        return f"the search ended by itself with status {status}; its last words are in the log"
