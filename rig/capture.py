@@ -56,8 +56,19 @@ class View:
     tilt_correction_deg: float | None
 
 
-def capture(config: RigConfig, directions: Sequence[Direction], out_dir: Path, report: Reporter) -> Path:
+def capture(
+    config: RigConfig,
+    directions: Sequence[Direction],
+    out_dir: Path,
+    report: Reporter,
+    *,
+    park: bool = False,
+    spare: bool = False,
+) -> Path:
     """Take a bundle into ``out_dir`` and return its directory.
+
+    With ``park`` the head goes to its parking place before it is let go, with ``spare`` the capture does without a compass
+    or an altimeter that cannot be opened.
 
     Whatever happens, an interruption too, the head is left without torque and no incomplete bundle behind.
     Raises ``DeviceError``, ``GoalError`` or ``ConfigError`` as the parts do, ``BundleWriteError`` where the
@@ -67,13 +78,38 @@ def capture(config: RigConfig, directions: Sequence[Direction], out_dir: Path, r
     clock.begin_session()
     report.doing("connecting")
     with collecting() as faults:
-        with connect(config) as rig:
-            measurement = measure(rig, directions, report)
+        with connect(config, spare=spare) as rig:
+            measurement = (
+                measure_and_park(rig, directions, report) if park else measure(rig, directions, report)
+            )
         step_s = clock.step_s()
         if abs(step_s) > CLOCK_STEP_S:
             note_fault("wall clock", f"stepped by {step_s:+.1f} s", "times are by the clock at the beginning")
     report.doing("writing the bundle")
     return write_bundle(out_dir, replace(measurement, raw={**measurement.raw, "faults": faults.as_json()}))
+
+
+def measure_and_park(rig: Rig, directions: Sequence[Direction], report: Reporter) -> Measurement:
+    """As ``measure``, and the head goes to its parking place, after a failure too.
+
+    A head that does not get there is a note: what has been measured counts.
+    """
+    try:
+        measurement = measure(rig, directions, report)
+    except RigError:
+        _park(rig, report)
+        raise
+    _park(rig, report)
+    return measurement
+
+
+def _park(rig: Rig, report: Reporter) -> None:
+    section = rig.config.pan_tilt
+    report.doing("parking")
+    try:
+        rig.pan_tilt.go_to(section.park_pan_deg, section.park_tilt_deg)
+    except RigError as error:
+        note_fault("pan and tilt head", f"cannot be parked: {error}", "let go where it stood")
 
 
 def measure(rig: Rig, directions: Sequence[Direction], report: Reporter) -> Measurement:

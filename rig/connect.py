@@ -17,6 +17,8 @@ from rig.config import (
     PanTiltSection,
     RigConfig,
 )
+from rig.errors import DeviceError
+from rig.fault_notes import note_fault
 from rig.pan_tilt import PanTilt
 from rig.readings import AccelerationReading, FieldReading, HeadingReading, PressureReading
 from rig.sensors.adxl355 import Adxl355
@@ -79,22 +81,43 @@ def open_pan_tilt(section: PanTiltSection) -> PanTilt:
 
 
 @contextmanager
-def connect(config: RigConfig) -> Iterator[Rig]:
+def connect(config: RigConfig, *, spare: bool = False) -> Iterator[Rig]:
     """All devices, opened and their identities checked; closed whatever happens, the head's torque off first.
 
-    Raises what the drivers raise for the first device that is absent, another one, or broken.
+    Raises what the drivers raise for the first device that is absent, another one, or broken. With ``spare`` a compass or
+    an altimeter that fails is left out, out of the rig's ``config`` too, and noted: without them there are measurements still.
     """
     with ExitStack() as stack:
         camera = stack.enter_context(Camera(config.camera))  # opens in its own thread meanwhile
         inclinometer = open_inclinometer(config.inclinometer)
         stack.callback(inclinometer.close)
-        compass = open_compass(config.compass) if config.compass else None
-        if compass is not None:
-            stack.callback(compass.close)
-        altimeter = open_altimeter(config.altimeter) if config.altimeter else None
-        if altimeter is not None:
-            stack.callback(altimeter.close)
+        compass = altimeter = None
+        if config.compass:
+            with _sparing(spare, "heading unknown"):
+                compass = open_compass(config.compass)
+                stack.callback(compass.close)
+        if config.altimeter:
+            with _sparing(spare, "altitude unknown"):
+                altimeter = open_altimeter(config.altimeter)
+                stack.callback(altimeter.close)
+        fitted = {
+            "compass": config.compass if compass else None,
+            "altimeter": config.altimeter if altimeter else None,
+        }
         camera.wait_open()
         readers = stack.enter_context(ThreadPoolExecutor(SENSORS_AT_ONCE, "reader"))
         pan_tilt = stack.enter_context(open_pan_tilt(config.pan_tilt))
-        yield Rig(config, pan_tilt, inclinometer, compass, altimeter, camera, readers)
+        yield Rig(
+            config.model_copy(update=fitted), pan_tilt, inclinometer, compass, altimeter, camera, readers
+        )
+
+
+@contextmanager
+def _sparing(spare: bool, without: str) -> Iterator[None]:
+    """Go on without a device that fails, where that is wished."""
+    try:
+        yield
+    except DeviceError as error:
+        if not spare:
+            raise
+        note_fault(error.device, error.problem, f"left out: {without}")
