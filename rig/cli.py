@@ -20,6 +20,7 @@ from rig.calibrate.commands import (
 )
 from rig.cli_options import config_option
 from rig.config import config_path, load_config
+from rig.daemon import command as daemon
 from rig.directions import Direction, parse_directions
 from rig.move_command import move
 from rig.record_command import record
@@ -144,6 +145,8 @@ rig.add_command(calibrate)
 rig.add_command(bundle)
 rig.add_command(record)
 rig.add_command(move)
+for daemon_command in (daemon.run, daemon.trigger, daemon.status):
+    rig.add_command(daemon_command)
 rig.add_command(watch)
 rig.add_command(service)
 

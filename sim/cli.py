@@ -123,7 +123,7 @@ def run_(
     def say(what: str) -> None:
         click.echo(f"sim: {what}", err=True)
 
-    with simulated_rig(world, faults=faults, say=say) as rig:
+    with simulated_rig(world, faults=faults, say=say, dem_paths=_dems(dem_paths)) as rig:
         return run_command(command, rig.environment, rig.stage.command_started)
 
 

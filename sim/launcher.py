@@ -28,7 +28,7 @@ from sim.fitted_sensors import FittedChip, FittedTalker
 from sim.mechanics import JointState
 from sim.panorama import render_panorama
 from sim.renderer import Renderer
-from sim.rig_config import rig_config
+from sim.rig_config import rig_config, run_tables
 from sim.world import World
 
 BAUD = 1_000_000
@@ -97,13 +97,15 @@ def simulated_rig(
     calibration: Mapping[str, Path] | None = None,
     faults: Sequence[Fault] = (),
     say: Callable[[str], None] = lambda what: None,
+    dem_paths: Sequence[Path] = (),
 ) -> Iterator[SimulatedRig]:
     """Run the devices of ``world`` while the context lasts.
 
     ``picture`` draws what the camera sees from its axes in east, north, up (3, 3): (height, width, 3), BGR; the
     world's terrain and sky unless given. ``bundle_dir`` is where the rig puts bundles when not told otherwise:
     ``bundles`` in the current folder. ``calibration`` names calibration files in the configuration, by their kind.
-    ``faults`` are played, and ``say`` hears when.
+    ``faults`` are played, and ``say`` hears when. With ``dem_paths`` the configuration has a ``[run]`` for the daemon, which
+    searches these and keeps its spool beside the bundles.
     """
     picture = picture or Renderer(world, render_panorama(world)).frame
     start_s = time.monotonic()
@@ -190,6 +192,7 @@ def simulated_rig(
             camera_source=camera.url,
             bundle_dir=bundle_dir,
             calibration={kind: str(file.absolute()) for kind, file in (calibration or {}).items()},
+            run=run_tables(dem_paths, bundle_dir.with_name("spool")) if dem_paths else {},
         )
         config_path.write_text(config, encoding="utf-8")
         truth_path.write_text(json.dumps(world.truth_json(), indent=2), encoding="utf-8")

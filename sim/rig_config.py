@@ -2,7 +2,9 @@
 
 import json
 import math
-from collections.abc import Mapping
+import socket
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +40,7 @@ def rig_config(
     camera_source: str,
     bundle_dir: Path,
     calibration: Mapping[str, str],
+    run: Mapping[str, Mapping[str, Any]],
 ) -> str:
     """The whole configuration, as TOML.
 
@@ -85,8 +88,37 @@ def rig_config(
                 **_told_intrinsics(world),
             },
             "calibration": calibration,
+            **run,
         }
     )
+
+
+def run_tables(dem_paths: Sequence[Path], spool_dir: Path) -> dict[str, dict[str, Any]]:
+    """``[run]`` for a daemon on this computer: a capture on demand only, everything published on ports that are free now."""
+    ports = iter(_free_ports(3))
+    return {
+        "run": {"dem": [str(path.absolute()) for path in dem_paths]},
+        "run.spool": {"dir": str(spool_dir)},
+        "run.odometry": {"listen": f"127.0.0.1:{next(ports)}"},
+        "run.nmea": {"tcp": f"127.0.0.1:{next(ports)}"},
+        "run.http": {"listen": f"127.0.0.1:{next(ports)}"},
+    }
+
+
+def _free_ports(count: int) -> list[int]:
+    """Ports of the loopback interface that nobody listens on, TCP or UDP, different ones."""
+    ports: list[int] = []
+    with ExitStack() as open_sockets:
+        while len(ports) < count:
+            tcp = open_sockets.enter_context(socket.socket(socket.AF_INET, socket.SOCK_STREAM))
+            udp = open_sockets.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+            tcp.bind(("127.0.0.1", 0))
+            try:
+                udp.bind(tcp.getsockname())
+            except OSError:
+                continue
+            ports.append(tcp.getsockname()[1])
+    return ports
 
 
 def _told_intrinsics(world: World) -> dict[str, Any]:

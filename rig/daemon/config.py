@@ -99,10 +99,14 @@ class RunSection(Section):
     retry_least_s: Seconds = 1.0
     retry_most_s: Seconds = 60.0
     """A device that fails is tried again after the first, then after doubling waits up to the second."""
+    check_every_s: Seconds = 60.0
+    """A device that works is asked so often, between captures, whether it still does."""
     rest: RestTrigger | None = None
     odometry: OdometryInput | None = None
     search: SearchLimits = SearchLimits()
     spool: SpoolSection = SpoolSection()
+    control: Annotated[Path | None, Field(strict=False)] = None
+    """The socket of ``rig trigger`` and ``rig status``; ``control.sock`` in the spool where absent."""
     nmea: NmeaOutput | None = None
     mavlink: MavlinkOutput | None = None
     http: HttpServer | None = None
@@ -118,10 +122,12 @@ class RunSection(Section):
         http = self.http
         if http is not None and http.token_file is not None:
             http = http.model_copy(update={"token_file": folder / http.token_file})
+        spool_dir = folder / self.spool.dir
         return self.model_copy(
             update={
+                "control": folder / self.control if self.control else spool_dir / "control.sock",
                 "dem": tuple(folder / file for file in self.dem),
-                "spool": self.spool.model_copy(update={"dir": folder / self.spool.dir}),
+                "spool": self.spool.model_copy(update={"dir": spool_dir}),
                 "http": http,
             }
         )

@@ -51,14 +51,16 @@ class Found:
 
 
 class SearchProcess:
-    """One worker. ``beat`` is called while it is waited for; it may raise, to end the waiting and the worker."""
+    """One worker. ``beat`` is called while it is waited for; it may raise, to end the waiting and the worker.
 
-    def __init__(
-        self, dem: Sequence[Path], memory_mb: int, time_s: float, beat: Callable[[], None] = lambda: None
-    ) -> None:
+    Begins with ``wait_terrain``, then ``wait_ready``.
+    """
+
+    def __init__(self, dem: Sequence[Path], memory_mb: int, time_s: float) -> None:
         self.dem = tuple(dem)
         self._limits = memory_mb, time_s
-        self._beat = beat
+        self.beat: Callable[[], None] = lambda: None
+        self._terrain = self._ready = False
         self._rest = b""
         self._process = subprocess.Popen(
             [sys.executable, "-X", "faulthandler", "-m", "rig.daemon.search_worker"],
@@ -86,9 +88,18 @@ class SearchProcess:
             return 0.0
         return int(resident) * _PAGE_BYTES / 1e6
 
+    def wait_terrain(self) -> None:
+        """Wait until the DEM has been read. ``SearchFailedError`` where it cannot be used, or the worker crashed."""
+        if not self._terrain:
+            self._receive(STARTING_S, "could not read the DEM in time")
+            self._terrain = True
+
     def wait_ready(self) -> None:
-        """Wait until terrain and kernels are loaded. ``SearchFailedError`` where the DEM cannot be used, or it crashed."""
-        self._receive(STARTING_S, "was not ready")
+        """Wait until the kernels are loaded, too."""
+        self.wait_terrain()
+        if not self._ready:
+            self._receive(STARTING_S, "was not ready")
+            self._ready = True
 
     def search(self, bundle_dir: Path, tracker: Tracker, leg: Movement | None) -> Found:
         """What a bundle comes to. After a ``SearchFailedError`` the worker may be gone: see ``alive``."""
@@ -129,7 +140,7 @@ class SearchProcess:
         deadline, largest_mb = Deadline.after(within_s), self._limits[0]
         while b"\n" not in self._rest:
             try:
-                self._beat()
+                self.beat()
             except BaseException:
                 self.close()
                 raise

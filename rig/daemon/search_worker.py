@@ -1,7 +1,8 @@
 """The search in a process of its own: requests come in on standard input, answers go out, one JSON object a line.
 
     -> {"dem": ["terrain.tif"]}                            once
-    <- {"ready": {"cells": 153036}}
+    <- {"terrain": {"cells": 153036}} or {"error": "one line"}
+    <- {"ready": true}
     -> {"bundle": "spool/bundles/...", "tracker": {...}, "leg": {...}}
     <- {"track": {...}, "tracker": {...}, ...} or {"error": "one line"}
 
@@ -47,8 +48,9 @@ def main() -> None:
     except SkyfixError as error:
         _send(out, {"error": str(error)})
         return
+    _send(out, {"terrain": {"cells": int(terrain.height_m.size)}})
     load_kernels(terrain)
-    _send(out, {"ready": {"cells": int(terrain.height_m.size)}})
+    _send(out, {"ready": True})
     while True:
         request = requests.get()
         try:

@@ -1,0 +1,135 @@
+"""One capture of the daemon: room in the spool, all devices, a bundle or the reason why there is none."""
+
+import time
+from collections.abc import Callable
+
+import structlog
+
+from rig.capture import capture
+from rig.config import RigConfig
+from rig.connect import open_pan_tilt
+from rig.daemon.board import Board, TriggerSource
+from rig.daemon.device_watch import DeviceWatch, Hardware
+from rig.daemon.odometry import Odometer
+from rig.daemon.spool import Spool, SpoolError, SpoolFullError
+from rig.daemon.stopping import Signals, StopRequestedError
+from rig.errors import RigError
+
+_log = structlog.get_logger(__name__)
+
+
+class _Steps:
+    """A capture's steps go into the log; each is a sign of life."""
+
+    def __init__(self, beat: Callable[[], None]) -> None:
+        self._beat = beat
+
+    def doing(self, what: str) -> None:
+        self._beat()
+
+    def done(self, what: str) -> None:
+        self._beat()
+        _log.info("capture goes on", step=what)
+
+
+class Captures:
+    """Takes bundles into the spool, in the main thread, which a signal may interrupt."""
+
+    def __init__(
+        self,
+        config: RigConfig,
+        board: Board,
+        spool: Spool,
+        signals: Signals,
+        hardware: Hardware,
+        watch: DeviceWatch,
+        odometer: Odometer | None,
+    ) -> None:
+        self._config = config
+        self._board = board
+        self._spool = spool
+        self._signals = signals
+        self._hardware = hardware
+        self._watch = watch
+        self._odometer = odometer
+
+    def take(self, source: TriggerSource, beat: Callable[[], None]) -> str | None:
+        """The new bundle's id; None where there is none, and then the board and the log say why."""
+        begun_s = time.monotonic()
+        try:
+            with self._signals.shielded():
+                self._make_room()
+                leg = self._odometer.begin(begun_s) if self._odometer else None
+                self._spool.begin_capture(source, leg)
+        except SpoolError as error:
+            self._ended("refused", source, str(error))
+            return None
+        self._board.set_activity("capturing")
+        self._board.tell("capture", stage="begun", trigger=source)
+        reason: str | None = None
+        try:
+            with self._hardware.all():
+                capture(
+                    self._config,
+                    self._config.capture.parsed_directions(),
+                    self._spool.bundles_dir,
+                    _Steps(beat),
+                    park=True,
+                    spare=True,
+                )
+        except RigError as error:
+            reason = str(error)
+        except StopRequestedError:
+            self._interrupted(source)
+            raise
+        with self._signals.shielded():
+            bundle = self._take_in()
+            if bundle is None:
+                if self._odometer:
+                    self._odometer.take_back()
+                self._ended("failed", source, reason or "no bundle was left")
+                self._watch.soon()
+            else:
+                self._watch.worked()
+                self._board.count("captures done")
+                self._board.tell("capture", stage="done", trigger=source, bundle=bundle)
+                _log.info(
+                    "captured", bundle=bundle, trigger=source, seconds=round(time.monotonic() - begun_s, 1)
+                )
+        return bundle
+
+    def _make_room(self) -> None:
+        try:
+            removed = self._spool.make_room()
+        except SpoolFullError:
+            self._board.count("spool full")
+            raise
+        for bundle in removed:
+            self._board.count("bundles deleted")
+            _log.info("deleted for the quota", bundle=bundle)
+
+    def _take_in(self) -> str | None:
+        try:
+            return self._spool.end_capture()
+        except SpoolError as error:  # the folder has it; the next look at the spool takes it in
+            _log.error("spool fails", problem=str(error))
+            return None
+
+    def _ended(self, stage: str, source: TriggerSource, reason: str) -> None:
+        self._board.count(f"captures {stage}")
+        self._board.tell("capture", stage=stage, trigger=source, reason=reason)
+        _log.error(f"capture {stage}", trigger=source, reason=reason)
+
+    def _interrupted(self, source: TriggerSource) -> None:
+        """The stop came at any moment: see to it that the head is let go, and that a bundle that is complete is known."""
+        try:
+            with open_pan_tilt(self._config.pan_tilt):
+                pass
+        except RigError as error:
+            _log.error("head may be held", problem=str(error))
+        bundle = self._take_in()
+        if bundle is None:
+            self._ended("interrupted", source, "the daemon ends")
+        else:
+            self._board.count("captures done")
+            _log.info("captured", bundle=bundle, trigger=source)

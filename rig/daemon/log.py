@@ -1,0 +1,101 @@
+"""The daemon's log: one line an event, with its values as ``key=value``, on standard error.
+
+Under systemd (``JOURNAL_STREAM`` names standard error) each line begins with its priority, ``<6>`` and the like, and the
+journal knows the time; elsewhere it begins with the time. What other modules log in sentences comes out in the same form.
+"""
+
+import logging
+import os
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+
+import structlog
+from structlog.typing import EventDict, WrappedLogger
+
+from rig.clock import utc_now
+from rig.daemon.board import Board
+
+PRIORITIES = {"critical": 2, "error": 3, "warning": 4, "info": 6, "debug": 7}
+"""Of syslog(3), as sd-daemon(3) wants them in front of a line."""
+
+
+@contextmanager
+def logging_to(board: Board, environment: Mapping[str, str] = os.environ) -> Iterator[None]:
+    """Log to standard error while the context lasts; the board's subscribers hear the same lines as events ``log``."""
+    before: list[structlog.typing.Processor] = [
+        structlog.stdlib.add_log_level,
+        structlog.processors.format_exc_info,
+    ]
+    structlog.configure(
+        processors=[*before, structlog.stdlib.ProcessorFormatter.wrap_for_formatter],
+        logger_factory=structlog.stdlib.LoggerFactory(),
+        wrapper_class=structlog.make_filtering_bound_logger(logging.INFO),
+        cache_logger_on_first_use=True,
+    )
+    begin = _priority if goes_to_the_journal(environment) else _time
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(_formatter([begin, _line]))
+    handlers: list[logging.Handler] = [handler, _ToBoard(board)]
+    root = logging.getLogger()
+    old, root.handlers = root.handlers, handlers
+    root.setLevel(logging.INFO)
+    # What was overcome is in the bundle; a bad contact would fill the log with it.
+    logging.getLogger("rig.fault_notes").setLevel(logging.WARNING)
+    try:
+        yield
+    finally:
+        root.handlers = old
+
+
+def goes_to_the_journal(environment: Mapping[str, str]) -> bool:
+    """Whether standard error is the journal's own (systemd.exec(5), ``JOURNAL_STREAM``)."""
+    stream = environment.get("JOURNAL_STREAM")
+    if not stream:
+        return False
+    status = os.fstat(sys.stderr.fileno())
+    return stream == f"{status.st_dev}:{status.st_ino}"
+
+
+class _ToBoard(logging.Handler):
+    """Lines for whoever follows the events."""
+
+    def __init__(self, board: Board) -> None:
+        super().__init__(logging.INFO)
+        self._board = board
+        self.setFormatter(_formatter([_line]))
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._board.tell("log", level=record.levelname.lower(), text=self.format(record))
+
+
+def _formatter(last: list[structlog.typing.Processor]) -> logging.Formatter:
+    return structlog.stdlib.ProcessorFormatter(
+        foreign_pre_chain=[structlog.stdlib.add_log_level, structlog.processors.format_exc_info],
+        processors=[structlog.stdlib.ProcessorFormatter.remove_processors_meta, *last],
+    )
+
+
+_LOGFMT = structlog.processors.LogfmtRenderer(bool_as_flag=False)
+
+
+def _text(event: EventDict) -> str:
+    """``capture done bundle=20261126T043151Z-3f9a seconds=21.4``; a traceback follows in the same line, escaped."""
+    what = event.pop("event", "")
+    values = _LOGFMT(None, "", event)
+    return " ".join(part for part in (str(what), str(values)) if part).replace("\n", "\\n")
+
+
+def _line(_: WrappedLogger, __: str, event: EventDict) -> str:
+    begin, level = event.pop("begin", ""), event.pop("level", "info")
+    return f"{begin}{'' if level == 'info' else level + ': '}{_text(event)}"
+
+
+def _priority(_: WrappedLogger, __: str, event: EventDict) -> EventDict:
+    event["begin"] = f"<{PRIORITIES.get(event.get('level', 'info'), 6)}>"
+    return event
+
+
+def _time(_: WrappedLogger, __: str, event: EventDict) -> EventDict:
+    event["begin"] = f"{utc_now():%Y-%m-%dT%H:%M:%SZ} "
+    return event

@@ -1,0 +1,179 @@
+"""What the daemon's main thread does with one configuration: captures, and what comes up between them."""
+
+import queue
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import structlog
+
+from localizer.errors import SkyfixError
+from rig import clock
+from rig.config import RigConfig, load_config
+from rig.daemon.board import Board, Snapshot, TriggerSource
+from rig.daemon.captures import Captures
+from rig.daemon.config import RunSection
+from rig.daemon.device_watch import obstacle
+from rig.daemon.notify import Notifier
+from rig.daemon.odometry import Odometer
+from rig.daemon.search import Search
+from rig.daemon.search_process import SearchProcess
+from rig.daemon.spool import Spool, SpoolError
+from rig.daemon.triggers import Triggers
+from rig.errors import ConfigError
+
+_log = structlog.get_logger(__name__)
+
+POLL_S = 0.25
+CLOCK_STEP_S = 1.0
+ODOMETER_EVERY_S = 5.0
+
+Inbox = queue.SimpleQueue[TriggerSource | Literal["reload"] | BaseException]
+"""What the other loops have for the main thread: a capture to take, a configuration to read, an error to end with."""
+
+
+@dataclass(frozen=True)
+class Following:
+    """The next configuration, and a search process that has read its DEM where that is another one."""
+
+    config: RigConfig
+    worker: SearchProcess | None
+
+
+def run_of(config: RigConfig, path: Path) -> RunSection:
+    """``[run]`` of a configuration. ``ConfigError`` where there is none."""
+    if config.run is None:
+        raise ConfigError(
+            f"{path}: has no [run]: rig run needs at least its dem (example: configs/vehicle.toml)"
+        )
+    return config.run
+
+
+def start_worker(run: RunSection, beat: Callable[[], None] = lambda: None) -> SearchProcess:
+    """A search process that has read its DEM. ``SearchFailedError`` where it cannot."""
+    worker = SearchProcess(run.dem, run.search.memory_mb, run.search.time_s)
+    worker.beat = beat
+    try:
+        worker.wait_terrain()
+    except BaseException:
+        worker.close()
+        raise
+    return worker
+
+
+class MainLoop:
+    """Runs until another configuration is asked for."""
+
+    def __init__(
+        self,
+        run: RunSection,
+        path: Path,
+        board: Board,
+        notifier: Notifier,
+        triggers: Triggers,
+        captures: Captures,
+        search: Search,
+        spool: Spool,
+        odometer: Odometer | None,
+        inbox: Inbox,
+    ) -> None:
+        self._run = run
+        self._path = path
+        self._board = board
+        self._notifier = notifier
+        self._triggers = triggers
+        self._captures = captures
+        self._search = search
+        self._spool = spool
+        self._odometer = odometer
+        self._inbox = inbox
+        self._odometer_saved = ""
+        self._odometer_due_s = 0.0
+        self._status = ""
+
+    def run(self, beat: Callable[[], None]) -> Following:
+        """Take captures as they are asked for. Raises what another loop ended with."""
+        due_s = time.monotonic() if self._run.every_s else None
+        while True:
+            beat()
+            self._between_captures()
+            if due_s is not None and time.monotonic() >= due_s and obstacle(self._board) is None:
+                assert self._run.every_s
+                self._triggers.trigger("interval")
+                due_s = max(due_s + self._run.every_s, time.monotonic())
+            try:
+                wish = self._inbox.get(timeout=POLL_S)
+            except queue.Empty:
+                continue
+            if isinstance(wish, BaseException):
+                raise wish
+            if wish == "reload":
+                following = self._reload(beat)
+                if following is not None:
+                    return following
+            else:
+                self._capture(wish, beat)
+
+    def _capture(self, source: TriggerSource, beat: Callable[[], None]) -> None:
+        try:
+            self._captures.take(source, beat)
+        finally:
+            self._board.set_activity("idle")
+            self._triggers.done()
+        self._search.wake()
+
+    def _reload(self, beat: Callable[[], None]) -> Following | None:
+        """The configuration of the file as it is now; None where it is bad, and the one in force stays."""
+        self._notifier.reloading()
+        try:
+            config = load_config(self._path)
+            run = run_of(config, self._path)
+            same = (run.dem, run.search) == (self._run.dem, self._run.search)
+            return Following(config, None if same else start_worker(run, beat))
+        except SkyfixError as error:
+            refused(self._board, str(error))
+            self._notifier.ready(self._status)
+            return None
+
+    def _between_captures(self) -> None:
+        if abs(clock.step_s()) > CLOCK_STEP_S:
+            _log.warning("wall clock stepped", by_s=round(clock.step_s(), 1))
+            clock.begin_session()
+        status = status_line(self._board.snapshot())
+        if status != self._status:
+            self._status = status
+            self._notifier.status(status)
+        if self._odometer and time.monotonic() >= self._odometer_due_s:
+            self._odometer_due_s = time.monotonic() + ODOMETER_EVERY_S
+            state = self._odometer.to_json()
+            if state != self._odometer_saved:
+                try:
+                    self._spool.remember("odometer", state)
+                except SpoolError as error:
+                    _log.error("spool fails", problem=str(error))
+                self._odometer_saved = state
+
+
+def refused(board: Board, problem: str) -> None:
+    """Say that a new configuration is not taken, and why."""
+    board.count("configurations refused")
+    board.tell("status", configuration="refused", reason=problem)
+    _log.error("configuration refused", problem=problem, kept="the one in force")
+
+
+def status_line(snapshot: Snapshot) -> str:
+    """How the daemon is, for people: what it does, what ails it, and the last fix with its time, which does not grow old."""
+    parts: list[str] = [snapshot.activity]
+    failing = [device.name for device in snapshot.devices if device.state == "failing"]
+    if failing:
+        parts.append(f"{', '.join(failing)} failing")
+    if snapshot.waiting:
+        parts.append(f"{snapshot.waiting} to locate")
+    if snapshot.last_fix and snapshot.last_fix.fix.position:
+        place, when = snapshot.last_fix.fix.position, snapshot.last_fix.captured.utc
+        parts.append(f"fix {place.lat_deg:.5f}, {place.lon_deg:.5f} of {when:%Y-%m-%d %H:%M:%SZ}")
+    else:
+        parts.append("no fix yet")
+    return "; ".join(parts)

@@ -1,0 +1,238 @@
+"""How the vehicle moved between captures, from what is fed over UDP: speeds and courses (NMEA VTG, RMC), or legs (JSON)."""
+
+import math
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import structlog
+from pydantic import BaseModel, ConfigDict
+
+from localizer.track.odometry import Movement, parse_leg
+from rig.daemon.boot import boot_id
+from rig.daemon.config import OdometryInput
+from rig.daemon.listening import bound_udp
+from rig.errors import MessageError
+from rig.sensors.nmea import Sentence, parse_sentence
+
+_log = structlog.get_logger(__name__)
+
+KNOT_M_S = 1852.0 / 3600.0
+GAP_S = 3.0
+"""Speeds further apart than this say nothing of what was between them ..."""
+BRIDGED_S = 60.0
+"""... but that it was not far, up to here; beyond it the way is unknown."""
+GAP_SPEED_M_S = 1.0
+"""At least so much is uncertain in each second of a gap; the speed beside it where that is more."""
+INDEPENDENT_M = 50.0
+"""Slip and steering after so much way are independent of those before."""
+FLOOR_M = 0.5
+LARGEST_DATAGRAM = 4096
+FASTEST_M_S = 150.0
+
+
+class Way(BaseModel):
+    """The way since the last capture; JSON both ways, so that a restart goes on with it.
+
+    ``step_m`` (east, north); ``random_m2`` the variance in each direction of what is independent along the way;
+    ``legs_m2`` the covariance that legs brought with them; ``unknown`` once part of the way is.
+    """
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    boot: str
+    unknown: bool = False
+    fed: bool = False
+    step_m: tuple[float, float] = (0.0, 0.0)
+    random_m2: float = 0.0
+    legs_step_m: tuple[float, float] = (0.0, 0.0)
+    legs_m2: tuple[tuple[float, float], tuple[float, float]] = ((0.0, 0.0), (0.0, 0.0))
+    speed_m_s: tuple[float, float] | None = None
+    """East and north, when last heard of; at that monotonic time:"""
+    heard_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class Velocity:
+    """Speed over ground and true course."""
+
+    speed_m_s: float
+    course_deg: float
+
+
+class Odometer:
+    """Adds up the way. Used from several threads; times are monotonic."""
+
+    def __init__(self, section: OdometryInput, state: str | None = None) -> None:
+        """``state`` is what ``to_json`` gave before a restart; that of another run of the computer is worth nothing."""
+        self._section = section
+        self._lock = threading.Lock()
+        self._way = Way(boot=boot_id())
+        self._before: Way | None = None
+        if state is not None:
+            before = Way.model_validate_json(state)
+            # Legs that came while nobody listened are lost without a trace; a gap between speeds shows by itself.
+            if before.boot == self._way.boot and before.speed_m_s is not None:
+                self._way = before
+
+    def to_json(self) -> str:
+        """For a restart."""
+        with self._lock:
+            return self._way.model_dump_json()
+
+    def velocity(self, velocity: Velocity, at_s: float) -> None:
+        """The vehicle moves so at this moment."""
+        with self._lock:
+            course = math.radians(velocity.course_deg)
+            now = velocity.speed_m_s * math.sin(course), velocity.speed_m_s * math.cos(course)
+            if self._way.speed_m_s is not None:
+                self._add(now, at_s)
+            self._way.speed_m_s, self._way.heard_s, self._way.fed = now, at_s, True
+
+    def leg(self, leg: Movement | None) -> None:
+        """The vehicle has moved by so much since the last one; None: anywhere."""
+        with self._lock:
+            self._way.fed = True
+            if leg is None:
+                self._way.unknown = True
+                return
+            east, north = self._way.legs_step_m
+            self._way.legs_step_m = east + float(leg.step_m[0]), north + float(leg.step_m[1])
+            c = np.array(self._way.legs_m2) + leg.covariance_m2
+            self._way.legs_m2 = (float(c[0, 0]), float(c[0, 1])), (float(c[1, 0]), float(c[1, 1]))
+
+    def movement(self, at_s: float) -> Movement | None:
+        """From the last ``restart`` to this moment; None where it is unknown."""
+        with self._lock:
+            if self._way.speed_m_s is not None and at_s - self._way.heard_s > GAP_S:
+                self._add(self._way.speed_m_s, at_s)
+                self._way.heard_s = at_s
+            if self._way.unknown or not self._way.fed:
+                return None
+            section, step_m = self._section, np.array(self._way.step_m)
+            aside_m = np.array([step_m[1], -step_m[0]]) * math.radians(section.heading_sigma_deg)
+            along_m = step_m * section.speed_sigma_share
+            covariance_m2 = (
+                np.outer(along_m, along_m)
+                + np.outer(aside_m, aside_m)
+                + np.eye(2) * (self._way.random_m2 + FLOOR_M**2)
+                + np.array(self._way.legs_m2)
+            )
+            return Movement(step_m + np.array(self._way.legs_step_m), covariance_m2)
+
+    def begin(self, at_s: float) -> Movement | None:
+        """``movement``, and the way begins anew: a capture is taken here, unless ``take_back`` follows. What is fed goes on."""
+        movement = self.movement(at_s)
+        with self._lock:
+            before = self._before = self._way
+            self._way = Way(
+                boot=before.boot, fed=before.fed, speed_m_s=before.speed_m_s, heard_s=before.heard_s
+            )
+        return movement
+
+    def take_back(self) -> None:
+        """The capture came to nothing: the way since the one before goes on."""
+        with self._lock:
+            before, now = self._before, self._way
+            if before is None:
+                return
+            legs_m2 = np.array(before.legs_m2) + np.array(now.legs_m2)
+            self._way = now.model_copy(
+                update={
+                    "unknown": before.unknown or now.unknown,
+                    "fed": before.fed or now.fed,
+                    "step_m": _sum(before.step_m, now.step_m),
+                    "random_m2": before.random_m2 + now.random_m2,
+                    "legs_step_m": _sum(before.legs_step_m, now.legs_step_m),
+                    "legs_m2": (tuple(legs_m2[0].tolist()), tuple(legs_m2[1].tolist())),
+                }
+            )
+            self._before = None
+
+    def _add(self, now_m_s: tuple[float, float], at_s: float) -> None:
+        """The way since the last speed, at the mean of both."""
+        way, section = self._way, self._section
+        assert way.speed_m_s is not None
+        seconds = max(0.0, at_s - way.heard_s)
+        mean = (np.array(way.speed_m_s) + np.array(now_m_s)) / 2.0
+        if seconds > BRIDGED_S:
+            way.unknown = True
+            return
+        if seconds > GAP_S:
+            fastest = max(math.hypot(*way.speed_m_s), math.hypot(*now_m_s), GAP_SPEED_M_S)
+            way.random_m2 += (fastest * seconds) ** 2
+        step_m = mean * seconds
+        share = max(section.speed_sigma_share, math.radians(section.heading_sigma_deg))
+        way.random_m2 += share**2 * float(np.hypot(*step_m)) * INDEPENDENT_M
+        way.step_m = way.step_m[0] + float(step_m[0]), way.step_m[1] + float(step_m[1])
+
+
+def _sum(first: tuple[float, float], second: tuple[float, float]) -> tuple[float, float]:
+    return first[0] + second[0], first[1] + second[1]
+
+
+def velocity_in(sentence: Sentence) -> Velocity | None:
+    """What VTG or RMC says of the movement; None for other sentences and for those that are not valid.
+
+    ``MessageError`` for what makes no sense.
+    """
+    if sentence.kind == "VTG":
+        if sentence.field(8) == "N":
+            return None
+        kmh, knots = sentence.optional_number(6), sentence.optional_number(4)
+        speed_m_s = kmh / 3.6 if kmh is not None else None if knots is None else knots * KNOT_M_S
+        course_deg = sentence.optional_number(0)
+    elif sentence.kind == "RMC":
+        if sentence.field(1) != "A":
+            return None
+        knots, course_deg = sentence.optional_number(6), sentence.optional_number(7)
+        speed_m_s = None if knots is None else knots * KNOT_M_S
+    else:
+        return None
+    if speed_m_s is None or (course_deg is None and speed_m_s > 0.1):
+        return None
+    if not 0.0 <= speed_m_s <= FASTEST_M_S or not 0.0 <= (course_deg or 0.0) <= 360.0:
+        raise MessageError(f"{sentence.address} says {speed_m_s:.1f} m/s towards {course_deg} deg")
+    return Velocity(speed_m_s, course_deg or 0.0)
+
+
+class OdometryListener:
+    """Hears datagrams, each of them lines of NMEA 0183 or of JSON, until it is told to stop."""
+
+    def __init__(self, section: OdometryInput, odometer: Odometer) -> None:
+        """``RigError`` where the address cannot be listened on."""
+        self._socket = bound_udp(section.listen, "[run.odometry] listen")
+        self._odometer = odometer
+        self._bad = 0
+
+    def close(self) -> None:
+        """Give the port back."""
+        self._socket.close()
+
+    def run(self, beat: Callable[[], None], stop: threading.Event) -> None:
+        """Listen until ``stop``."""
+        self._socket.settimeout(0.5)
+        while not stop.is_set():
+            beat()
+            try:
+                datagram = self._socket.recv(LARGEST_DATAGRAM)
+            except TimeoutError:
+                continue
+            for line in datagram.splitlines():
+                if line.strip():
+                    self._take(line.strip(), time.monotonic())
+
+    def _take(self, line: bytes, at_s: float) -> None:
+        try:
+            if line.startswith(b"{"):
+                self._odometer.leg(parse_leg(line))
+            elif velocity := velocity_in(parse_sentence(line)):
+                self._odometer.velocity(velocity, at_s)
+        except (MessageError, ValueError) as error:
+            self._bad += 1
+            if (
+                self._bad & (self._bad - 1) == 0
+            ):  # 1, 2, 4, 8, ...: a talker that talks nonsense does not fill the log
+                _log.warning("odometry not understood", problem=str(error), so_far=self._bad)

@@ -1,0 +1,11 @@
+"""Which publishers a configuration asks for. Each is imported only then: what it needs may be an extra that is absent."""
+
+from contextlib import ExitStack
+
+from rig.daemon.board import Actions, Board
+from rig.daemon.config import RunSection
+from rig.daemon.spool import Spool
+
+
+def publish(stack: ExitStack, run: RunSection, board: Board, actions: Actions, spool: Spool) -> None:
+    """Enter the publisher of each section that there is, to be left with ``stack``. ``RigError`` where one cannot begin."""

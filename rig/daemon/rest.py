@@ -1,0 +1,112 @@
+"""Captures when the vehicle comes to rest: the inclinometer's own noise tells whether it moves."""
+
+import math
+import threading
+import time
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from functools import partial
+
+import numpy as np
+import structlog
+
+from rig.bus.retry import retry
+from rig.config import RigConfig
+from rig.connect import Inclinometer, open_inclinometer
+from rig.daemon.board import Board
+from rig.daemon.config import RestTrigger
+from rig.daemon.device_watch import Hardware, next_wait_s, note_device
+from rig.errors import DeviceError
+from rig.readings import AccelerationReading
+
+_log = structlog.get_logger(__name__)
+
+SETTLING_S = 2.0
+"""A head that was let go may sink; that is no movement of the vehicle."""
+SAMPLES_A_SECOND = 8
+"""Enough for a standard deviation; more would keep a small computer busy."""
+
+
+class RestDetector:
+    """Says once when a vehicle that moved has been still for long enough.
+
+    At the beginning it counts as having moved: nobody has looked from here yet.
+    """
+
+    def __init__(self, section: RestTrigger) -> None:
+        self._section = section
+        self._moved = True
+        self._still_since_s: float | None = None
+
+    def take(self, noise_mg: float, now_s: float) -> bool:
+        """The noise over the last second, at a monotonic time. True: it has just come to rest."""
+        if noise_mg > self._section.still_mg:
+            if not self._moved:
+                _log.info("vehicle moves", noise_mg=round(noise_mg, 1))
+            self._moved, self._still_since_s = True, None
+            return False
+        if self._still_since_s is None:
+            self._still_since_s = now_s
+        return self._moved and now_s - self._still_since_s >= self._section.still_s
+
+    def captured(self) -> None:
+        """It has been looked from here."""
+        self._moved = False
+
+    def interrupted(self) -> None:
+        """Nobody has watched since the last reading: stillness counts from the next."""
+        self._still_since_s = None
+
+
+class RestWatch:
+    """Reads the inclinometer between captures, asks for one when the vehicle has come to rest, tells how the chip is."""
+
+    def __init__(self, config: RigConfig, board: Board, hardware: Hardware, ask: Callable[[], bool]) -> None:
+        """``ask`` asks for a capture and says whether it will be taken."""
+        assert config.run
+        assert config.run.rest
+        self._section = config.inclinometer
+        self._run = config.run
+        self._board = board
+        self._hardware = hardware
+        self._ask = ask
+        self._detector = RestDetector(config.run.rest)
+
+    def run(self, beat: Callable[[], None], stop: threading.Event) -> None:
+        """Watch until ``stop``."""
+        wait_s = 0.0
+        while not stop.is_set():
+            beat()
+            if self._hardware.wanted:
+                stop.wait(0.2)
+                continue
+            self._detector.interrupted()
+            stop.wait(SETTLING_S)
+            try:
+                with self._hardware.one("inclinometer"), closing(open_inclinometer(self._section)) as chip:
+                    note_device(self._board, "inclinometer", None, chip.identify())
+                    wait_s = 0.0
+                    self._watch(chip, beat, stop)
+            except DeviceError as error:
+                note_device(self._board, "inclinometer", str(error), "")
+                wait_s = next_wait_s(wait_s, self._run.retry_least_s, self._run.retry_most_s)
+                until_s = time.monotonic() + wait_s
+                while time.monotonic() < until_s and not stop.wait(0.5):
+                    beat()
+
+    def _watch(self, chip: Inclinometer, beat: Callable[[], None], stop: threading.Event) -> None:
+        while not stop.is_set() and not self._hardware.wanted:
+            beat()
+            readings: list[AccelerationReading] = []
+            for _ in range(SAMPLES_A_SECOND):
+                readings += retry(partial(chip.read_many, 0.0))
+                if stop.wait(1.0 / SAMPLES_A_SECOND) or self._hardware.wanted:
+                    return
+            if self._detector.take(noise_mg(readings), time.monotonic()) and self._ask():
+                self._detector.captured()
+
+
+def noise_mg(readings: Sequence[AccelerationReading]) -> float:
+    """Standard deviation of the acceleration, all axes together, thousandths of g."""
+    vectors = np.array([[r.x_g, r.y_g, math.nan if r.z_g is None else r.z_g] for r in readings])
+    return 1000.0 * float(np.sqrt(np.nansum(np.var(vectors, axis=0))))

@@ -1,0 +1,68 @@
+"""The daemon from its start to its end: one configuration after the other."""
+
+import os
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import structlog
+
+from localizer.errors import SkyfixError
+from rig.config import RigConfig, load_config
+from rig.daemon.board import Board
+from rig.daemon.log import logging_to
+from rig.daemon.main_loop import refused, run_of, status_line
+from rig.daemon.notify import notifier_of
+from rig.daemon.progress import watchdog
+from rig.daemon.session import Shared, session
+from rig.daemon.stopping import Signals, StopRequestedError
+
+_log = structlog.get_logger(__name__)
+
+
+def serve(path: Path, environment: Mapping[str, str] = os.environ) -> None:
+    """Run until SIGTERM or SIGINT. ``SkyfixError`` where it cannot start: nothing has moved then."""
+    begun_s = time.monotonic()
+    config = load_config(path)
+    run_of(config, path)
+    notifier = notifier_of(environment)
+    board = Board()
+    with logging_to(board, environment), Signals() as signals:
+        shared = Shared(path, board, signals, notifier)
+
+        def started() -> None:
+            notifier.ready(status_line(board.snapshot()))
+            _log.info("ready", seconds=round(time.monotonic() - begun_s, 2), config=str(path))
+
+        try:
+            with watchdog(shared.loops, notifier):
+                _sessions(config, shared, started)
+        except StopRequestedError:
+            notifier.stopping("ended on request")
+            board.set_activity("stopping")
+            _log.info("ended", reason="on request")
+        finally:
+            if shared.worker:
+                shared.worker.close()
+
+
+def _sessions(config: RigConfig, shared: Shared, first_started: Callable[[], None]) -> None:
+    """A session after the other. One that cannot start after another has run is refused, and the other one goes on."""
+    in_force: RigConfig | None = None
+    runs = False
+
+    def started() -> None:
+        nonlocal in_force, runs
+        in_force, runs = config, True
+        first_started()
+
+    while True:
+        runs = False
+        try:
+            config = session(config, shared, started)
+            _log.info("configuration read anew", config=str(shared.path))
+        except SkyfixError as error:
+            if runs or in_force is None or config is in_force:
+                raise
+            refused(shared.board, str(error))
+            config = in_force

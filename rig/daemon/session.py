@@ -1,0 +1,145 @@
+"""The daemon with one configuration: all that runs side by side, and what it is composed of."""
+
+import queue
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+
+from rig.config import RigConfig
+from rig.daemon.board import Board
+from rig.daemon.captures import Captures
+from rig.daemon.control import ControlSocket
+from rig.daemon.device_watch import DeviceWatch, Hardware, obstacle
+from rig.daemon.main_loop import Inbox, MainLoop, run_of, start_worker
+from rig.daemon.notify import Notifier
+from rig.daemon.odometry import Odometer, OdometryListener
+from rig.daemon.progress import Loops
+from rig.daemon.publishers import publish
+from rig.daemon.rest import RestWatch
+from rig.daemon.search import Search
+from rig.daemon.search_process import SearchProcess
+from rig.daemon.spool import Spool
+from rig.daemon.stopping import Signals
+from rig.daemon.triggers import Triggers
+
+END_S = 3.0
+"""Loops that have not ended by then when the daemon ends, end with the process."""
+RELOAD_END_S = 30.0
+WISH_POLL_S = 0.25
+USUAL_BEAT_S, SLOW_BEAT_S = 30.0, 120.0
+"""From one sign of life to the next: of a loop that only waits; of one that opens devices or moves the head."""
+
+Run = Callable[[Callable[[], None], threading.Event], None]
+
+
+@dataclass
+class Shared:
+    """What outlives one configuration. ``worker`` is a search process that has read the DEM of the next session."""
+
+    path: Path
+    board: Board
+    signals: Signals
+    notifier: Notifier
+    loops: Loops = field(default_factory=Loops)
+    worker: SearchProcess | None = None
+
+
+def session(config: RigConfig, shared: Shared, started: Callable[[], None]) -> RigConfig:
+    """Run with a configuration until another one is asked for, which is returned.
+
+    ``started`` is called when everything runs; a ``SkyfixError`` before that says what cannot. ``StopRequestedError`` ends it.
+    """
+    run, board = run_of(config, shared.path), shared.board
+    with ExitStack() as stack:
+        spool = stack.enter_context(Spool(run.spool.dir, run.spool.quota_mb))
+        search = Search(spool, board, partial(start_worker, run), shared.worker or start_worker(run))
+        shared.worker = None
+        stack.callback(search.close)
+        stop = threading.Event()
+        inbox: Inbox = queue.SimpleQueue()
+        hardware = Hardware()
+        triggers = Triggers(board, partial(obstacle, board), inbox.put)
+        watch = DeviceWatch(config, board, hardware, besides=("inclinometer",) if run.rest else ())
+        control = ControlSocket(run.control or run.spool.dir / "control.sock", board, triggers)
+        stack.callback(control.close)
+        loops: list[tuple[str, Run, float]] = [
+            ("control", control.run, USUAL_BEAT_S),
+            ("devices", watch.run, SLOW_BEAT_S),
+            ("search", search.run, USUAL_BEAT_S),
+            ("signals", partial(_take_wishes, shared.signals, triggers, inbox), USUAL_BEAT_S),
+        ]
+        if run.rest:
+            rest = RestWatch(config, board, hardware, partial(_at_rest, board, triggers))
+            loops.append(("rest", rest.run, SLOW_BEAT_S))
+        odometer = None
+        if run.odometry:
+            odometer = Odometer(run.odometry, spool.recall("odometer"))
+            listener = OdometryListener(run.odometry, odometer)
+            stack.callback(listener.close)
+            loops.append(("odometry", listener.run, USUAL_BEAT_S))
+        publish(stack, run, board, triggers, spool)
+        captures = Captures(config, board, spool, shared.signals, hardware, watch, odometer)
+        main_loop = MainLoop(
+            run, shared.path, board, shared.notifier, triggers, captures, search, spool, odometer, inbox
+        )
+        with _running(loops, shared, stop, inbox), shared.loops.watched("captures", SLOW_BEAT_S):
+            board.set_activity("idle")
+            started()
+            try:
+                following = main_loop.run(partial(shared.loops.beat, "captures"))
+            finally:
+                triggers.stop()
+        shared.worker = following.worker or search.hand_over()
+        return following.config
+
+
+def _at_rest(board: Board, triggers: Triggers) -> bool:
+    return obstacle(board) is None and triggers.trigger("rest") == "started"
+
+
+def _take_wishes(
+    signals: Signals, triggers: Triggers, inbox: Inbox, beat: Callable[[], None], stop: threading.Event
+) -> None:
+    """A loop of its own: the main thread, which gets the signals, may be in the middle of a capture."""
+    while not stop.is_set():
+        beat()
+        try:
+            wish = signals.wishes.get(timeout=WISH_POLL_S)
+        except queue.Empty:
+            continue
+        if wish == "trigger":
+            triggers.trigger("signal")
+        else:
+            inbox.put(wish)
+
+
+@contextmanager
+def _running(
+    loops: Sequence[tuple[str, Run, float]],
+    shared: Shared,
+    stop: threading.Event,
+    inbox: Inbox,
+) -> Iterator[None]:
+    """A thread for each loop while the context lasts. One that ends with an error puts that into the inbox."""
+
+    def run(name: str, loop: Run, longest_s: float) -> None:
+        try:
+            with shared.loops.watched(name, longest_s):
+                loop(lambda: shared.loops.beat(name), stop)
+        except BaseException as error:  # noqa: BLE001 - the main thread raises it
+            inbox.put(error)
+
+    threads = [threading.Thread(target=run, args=loop, name=loop[0], daemon=True) for loop in loops]
+    for thread in threads:
+        thread.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        deadline_s = time.monotonic() + (END_S if shared.signals.stopping else RELOAD_END_S)
+        for thread in threads:
+            thread.join(max(0.0, deadline_s - time.monotonic()))

@@ -1,0 +1,59 @@
+"""Requests for a capture: each is answered at once and counted, and at most one is carried out at a time."""
+
+import threading
+from collections.abc import Callable
+
+import structlog
+
+from rig.daemon.board import Board, TriggerAnswer, TriggerSource
+
+_log = structlog.get_logger(__name__)
+
+
+class Triggers:
+    """Takes requests from any thread (not from a signal handler: it locks) and hands them to the one who captures.
+
+    ``obstacle`` says why no capture is possible now, None where it is.
+    """
+
+    def __init__(
+        self, board: Board, obstacle: Callable[[], str | None], start: Callable[[TriggerSource], None]
+    ):
+        self._board = board
+        self._obstacle = obstacle
+        self._start = start
+        self._lock = threading.Lock()
+        self._busy = False
+        self._stopping = False
+
+    def trigger(self, source: TriggerSource) -> TriggerAnswer:
+        """Ask for a capture; answered at once, nothing is queued."""
+        obstacle = self._obstacle()
+        with self._lock:
+            answer: TriggerAnswer = (
+                "stopping"
+                if self._stopping
+                else "busy"
+                if self._busy
+                else "not ready"
+                if obstacle
+                else "started"
+            )
+            self._busy = self._busy or answer == "started"
+        self._board.count("triggers")
+        self._board.count(f"triggers {answer}")
+        self._board.tell("trigger", source=source, answer=answer, why=obstacle)
+        _log.info("trigger", source=source, answer=answer, **({"why": obstacle} if obstacle else {}))
+        if answer == "started":
+            self._start(source)
+        return answer
+
+    def done(self) -> None:
+        """The capture that was started has ended, whatever it came to."""
+        with self._lock:
+            self._busy = False
+
+    def stop(self) -> None:
+        """From now on every request is answered ``stopping``."""
+        with self._lock:
+            self._stopping = True
