@@ -2,7 +2,7 @@
 
 import re
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal, Self, get_args
 
 from pydantic import AfterValidator, Field, model_validator
 
@@ -14,6 +14,12 @@ def _host_port(text: str) -> str:
     if not matched or int(matched[2]) > 65535:
         raise ValueError(f"{text!r} is no address; give HOST:PORT, for example 127.0.0.1:10110")
     return text
+
+
+def host_and_port(address: str) -> tuple[str, int]:
+    """The parts of a ``HostPort``."""
+    host, _, port = address.rpartition(":")
+    return host.strip("[]"), int(port)
 
 
 HostPort = Annotated[str, AfterValidator(_host_port)]
@@ -55,6 +61,9 @@ class SpoolSection(Section):
     quota_mb: Annotated[int, Field(ge=10)] = 2000
 
 
+SentenceKind = Literal["ZDA", "RMC", "GGA", "GBS", "GST", "HDT", "GLL"]
+
+
 class NmeaOutput(Section):
     """``[run.nmea]``: NMEA 0183 for gpsd, plotters and QGIS."""
 
@@ -63,6 +72,9 @@ class NmeaOutput(Section):
     every_s: Annotated[float, Field(ge=0.1, le=60.0)] = 1.0
     valid_s: Seconds = 30.0
     """A fix is current for so long after its capture; then quality 0 until the next."""
+    quality: Literal[1, 6] = 6
+    """What GGA says of a fix: 6, estimated, or 1, GPS, for programs that take nothing else."""
+    sentences: Annotated[tuple[SentenceKind, ...], Field(strict=False, min_length=1)] = get_args(SentenceKind)
 
 
 class MavlinkOutput(Section):
@@ -74,6 +86,8 @@ class MavlinkOutput(Section):
     messages: Annotated[
         tuple[Literal["EXTERNAL_POSITION_ESTIMATE", "GPS_INPUT"], ...], Field(strict=False, min_length=1)
     ] = ("EXTERNAL_POSITION_ESTIMATE",)
+    valid_s: Seconds = 30.0
+    """A fix that is answered later than so long after its capture is not sent."""
     system_id: Annotated[int, Field(ge=1, le=255)] = 1
     component_id: Annotated[int, Field(ge=1, le=255)] = 197
 

@@ -1,0 +1,117 @@
+"""``[run.nmea]``: a server for as many clients as come, and datagrams to those whom the configuration names."""
+
+import logging
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager, nullcontext
+from dataclasses import dataclass
+
+from rig.daemon.board import Answer, Board
+from rig.daemon.config import NmeaOutput
+from rig.daemon.nmea_sentences import epoch
+from rig.daemon.progress import Loops
+from rig.daemon.published import current_fix
+from rig.daemon.tcp_broadcast import TcpBroadcast
+from rig.daemon.udp_targets import UdpTarget
+from rig.readings import Instant
+
+LOOP = "nmea"
+STOP_NOTICED_S = 0.2
+LOOP_LONGEST_S = 10.0
+LEAST_RETRY_S, MOST_RETRY_S = 1.0, 60.0
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class NmeaPublisher:
+    """What is being served."""
+
+    tcp: tuple[str, int] | None
+    """Host and port where it listens."""
+
+
+@contextmanager
+def publishing(section: NmeaOutput, board: Board, loops: Loops | None = None) -> Iterator[NmeaPublisher]:
+    """Publish what the board says, every ``section.every_s``, while the context lasts.
+
+    Raises ``ConfigError`` where the address cannot be listened on.
+    """
+    stop = threading.Event()
+    targets = [UdpTarget(address, board) for address in section.udp]
+    with ExitStack() as stack:
+        server = None if section.tcp is None else TcpBroadcast(section.tcp, "[run.nmea] tcp")
+        if server is not None:
+            stack.callback(server.close)
+        for target in targets:
+            stack.callback(target.close)
+        names = [target for target in targets if not target.find(numeric=True)]
+        if names:
+            threading.Thread(target=_look_up, args=(names, stop), name="nmea names", daemon=True).start()
+        publisher = _Publisher(section, board, server, targets)
+        thread = threading.Thread(target=publisher.run, args=(stop, loops), name=LOOP, daemon=True)
+        thread.start()
+        stack.callback(thread.join)
+        stack.callback(stop.set)
+        yield NmeaPublisher(None if server is None else server.address)
+
+
+def _look_up(targets: Sequence[UdpTarget], stop: threading.Event) -> None:
+    """In a thread of its own: without a network a name takes long, and it may come to be known hours later."""
+    wait_s = LEAST_RETRY_S
+    left = list(targets)
+    while left := [target for target in left if not target.find()]:
+        if stop.wait(wait_s):
+            return
+        wait_s = min(2.0 * wait_s, MOST_RETRY_S)
+
+
+class _Publisher:
+    def __init__(
+        self, section: NmeaOutput, board: Board, server: TcpBroadcast | None, targets: Sequence[UdpTarget]
+    ) -> None:
+        self._section = section
+        self._board = board
+        self._server = server
+        self._targets = targets
+        self._seen: str | None = None
+
+    def run(self, stop: threading.Event, loops: Loops | None) -> None:
+        """Send an epoch whenever one is due, by the clock that does not step, until ``stop``."""
+        with nullcontext() if loops is None else loops.watched(LOOP, LOOP_LONGEST_S):
+            due_s = time.monotonic()
+            while not stop.is_set():
+                if loops is not None:
+                    loops.beat(LOOP)
+                now_s = time.monotonic()
+                if now_s >= due_s:
+                    self._send()
+                    due_s = max(due_s + self._section.every_s, now_s)  # what was missed is not made up for
+                self._wait(min(due_s - now_s, STOP_NOTICED_S), stop)
+
+    def _wait(self, timeout_s: float, stop: threading.Event) -> None:
+        if self._server is None:
+            stop.wait(max(timeout_s, 0.0))
+        else:
+            self._server.serve(max(timeout_s, 0.0))
+
+    def _send(self) -> None:
+        now, snapshot = Instant.now(), self._board.snapshot()
+        fix = current_fix(snapshot, now, self._section.valid_s)
+        if snapshot.last is not None and snapshot.last.bundle != self._seen:
+            self._seen = snapshot.last.bundle
+            self._tell_if_late(snapshot.last)
+        sentences = epoch(fix, now.utc, self._section.quality, self._section.sentences)
+        if self._server is not None:
+            self._server.send(sentences)
+        for target in self._targets:
+            target.send(sentences)
+
+    def _tell_if_late(self, answer: Answer) -> None:
+        took_s = answer.answered.monotonic_s - answer.captured.monotonic_s
+        if answer.fix.status == "fix" and took_s > self._section.valid_s:
+            self._board.count("nmea fixes too late")
+            _log.warning(
+                "nmea: %s is not published: answered %.0f s after its capture", answer.bundle, took_s
+            )

@@ -1,0 +1,97 @@
+"""What of the answers may be published: a fix that is still current, with its uncertainty in true directions."""
+
+from dataclasses import dataclass
+from datetime import datetime
+
+import numpy as np
+from numpy.typing import NDArray
+from pyproj import CRS, Geod
+
+from localizer.crs import WGS84, transform_xy
+from localizer.fix import Position
+from localizer.report import Covariance, ellipse
+from rig.daemon.board import Answer, Snapshot
+from rig.readings import Instant
+
+NEIGHBOUR_M = 100.0
+_GEOD = Geod(ellps="WGS84")
+
+
+@dataclass(frozen=True)
+class PublishedFix:
+    """A fix as navigation has it. Every sigma is one standard deviation."""
+
+    bundle: str
+    captured: Instant
+    """The position and the heading are of this moment."""
+    lat_deg: float
+    lon_deg: float
+    altitude_m: float | None
+    """Above the DEM's vertical datum."""
+    sigma_north_m: float
+    sigma_east_m: float
+    sigma_major_m: float
+    sigma_minor_m: float
+    major_azimuth_deg: float
+    """Of the ellipse's longer axis, from true north, 0 to 180."""
+    heading_deg: float | None
+    """Of the vehicle, from true north."""
+
+    @property
+    def utc(self) -> datetime:
+        """When the vehicle was there."""
+        return self.captured.utc
+
+    def age_s(self, now: Instant) -> float:
+        """Since the capture, by the clock that does not step."""
+        return now.monotonic_s - self.captured.monotonic_s
+
+
+def current_fix(snapshot: Snapshot, now: Instant, valid_s: float) -> PublishedFix | None:
+    """The fix of the latest capture, if it is not older than ``valid_s``.
+
+    None where that capture came to no fix: an earlier one may not stand for it. An answer to a bundle of long ago,
+    which had to wait in the spool, says nothing of the present and takes nothing away from it.
+    """
+    answers = [answer for answer in (snapshot.last_fix, snapshot.last) if answer is not None]
+    latest = max(answers, key=lambda answer: answer.captured.monotonic_s, default=None)
+    if latest is None or latest.fix.status != "fix":
+        return None
+    if not 0.0 <= now.monotonic_s - latest.captured.monotonic_s <= valid_s:
+        return None
+    return published(latest)
+
+
+def published(answer: Answer) -> PublishedFix:
+    """An answer whose status is ``fix``."""
+    position, covariance_m2 = answer.fix.position, answer.fix.covariance_m2
+    if position is None or covariance_m2 is None:
+        raise ValueError(f"{answer.bundle} is no fix")
+    of_true_m2 = true_covariance_m2(position, covariance_m2)
+    (east_m2, between_m2), (_, north_m2) = of_true_m2.tolist()
+    axes = ellipse(((east_m2, between_m2), (between_m2, north_m2)))
+    return PublishedFix(
+        bundle=answer.bundle,
+        captured=answer.captured,
+        lat_deg=position.lat_deg,
+        lon_deg=position.lon_deg,
+        altitude_m=answer.altitude_m,
+        sigma_north_m=float(np.sqrt(north_m2)),
+        sigma_east_m=float(np.sqrt(east_m2)),
+        sigma_major_m=axes.major_m,
+        sigma_minor_m=axes.minor_m,
+        major_azimuth_deg=axes.grid_azimuth_deg,
+        heading_deg=answer.vehicle_heading_deg,
+    )
+
+
+def true_covariance_m2(position: Position, covariance_m2: Covariance) -> NDArray[np.float64]:
+    """(2, 2) of metres to true east and north: the map's axes are turned by the convergence and scaled."""
+    azimuth_deg = np.array([90.0, 0.0, 270.0, 180.0])
+    lon_deg, lat_deg, _ = _GEOD.fwd(
+        np.full(4, position.lon_deg), np.full(4, position.lat_deg), azimuth_deg, np.full(4, NEIGHBOUR_M)
+    )
+    map_m = np.stack(transform_xy(WGS84, CRS.from_user_input(position.crs), lon_deg, lat_deg))
+    to_map = (map_m[:, :2] - map_m[:, 2:]) / (2.0 * NEIGHBOUR_M)
+    to_true = np.linalg.inv(to_map)
+    return np.asarray(to_true @ np.array(covariance_m2) @ to_true.T)

@@ -1,0 +1,172 @@
+"""What gpsd, the program of Debian, makes of our NMEA: read with gpspipe as any client would."""
+
+import json
+import queue
+import socket
+import subprocess
+import threading
+import time
+from contextlib import contextmanager
+from datetime import UTC, datetime, timedelta
+
+import pytest
+from fakes.answers import an_answer
+
+from rig import clock
+from rig.daemon.board import Board
+from rig.daemon.config import NmeaOutput
+from rig.daemon.nmea import publishing
+
+pytestmark = pytest.mark.system
+
+SOON_S = 60.0
+"""A wait that only a failing test lasts out."""
+
+
+class Reports:
+    """What gpspipe prints, one JSON object a line."""
+
+    def __init__(self, process):
+        self._lines = queue.Queue()
+        threading.Thread(
+            target=lambda: [self._lines.put(line) for line in process.stdout], daemon=True
+        ).start()
+
+    def until(self, wanted, seen=None):
+        """The next report for which ``wanted`` holds; those before it are added to ``seen``."""
+        deadline_s = time.monotonic() + SOON_S
+        while (left_s := deadline_s - time.monotonic()) > 0.0:
+            try:
+                line = self._lines.get(timeout=left_s)
+            except queue.Empty:
+                break
+            try:
+                report = json.loads(line)
+            except ValueError:  # gpsd 3.22 forgets a comma in each ATT
+                assert '"class":"ATT"' in line
+                continue
+            if wanted(report):
+                return report
+            if seen is not None:
+                seen.append(report)
+        return pytest.fail("gpsd did not report it")
+
+
+@contextmanager
+def running(*command, **options):
+    process = subprocess.Popen(command, **options)
+    try:
+        yield process
+    finally:
+        process.terminate()
+        process.wait(SOON_S)
+
+
+@contextmanager
+def reports_of(program, source):
+    """gpsd on this source, on a free port, without a control socket; and gpspipe on gpsd."""
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    gpsd = running(str(program("gpsd")), "-N", "-n", "-S", str(port), source, stderr=subprocess.DEVNULL)
+    with gpsd:
+        deadline_s = time.monotonic() + SOON_S
+        while time.monotonic() < deadline_s:
+            with socket.socket() as knocking:
+                if knocking.connect_ex(("127.0.0.1", port)) == 0:
+                    break
+            time.sleep(0.05)
+        pipe = running(str(program("gpspipe")), "-w", f"127.0.0.1:{port}", stdout=subprocess.PIPE, text=True)
+        with pipe as process:
+            yield Reports(process)
+
+
+def position(report):
+    return report["class"] == "TPV" and report["mode"] >= 2
+
+
+def no_position(report):
+    return report["class"] == "TPV" and report["mode"] == 1
+
+
+def ellipse(report):
+    return report["class"] == "GST" and "major" in report
+
+
+def time_of(report):
+    return datetime.fromisoformat(report["time"])
+
+
+@pytest.fixture
+def board():
+    return Board()
+
+
+def test_a_fix_arrives_with_its_ellipse_and_the_time_of_its_capture(program, board):
+    section = NmeaOutput(tcp="127.0.0.1:0", every_s=0.5, valid_s=1000.0)
+    captured = datetime.now(UTC).replace(microsecond=470_000) - timedelta(seconds=15)
+    with publishing(section, board) as publisher:
+        host, port = publisher.tcp
+        with reports_of(program, f"tcp://{host}:{port}") as reports:
+            assert "lat" not in reports.until(no_position)
+            board.set_answer(an_answer(age_s=15.0, utc=captured))
+            gst = reports.until(ellipse)
+            assert (gst["major"], gst["minor"]) == (3.0, 2.0)
+            assert gst["orient"] == pytest.approx(90.6, abs=0.1)
+            assert (gst["lat"], gst["lon"]) == (2.0, 3.0)
+            tpv = reports.until(position)
+            assert (tpv["lat"], tpv["lon"]) == pytest.approx((46.199, -122.192), abs=2e-7)
+            assert (tpv["mode"], tpv["status"]) == (3, 5)  # dead reckoning, as gpsd calls what is estimated
+            assert tpv["altMSL"] == pytest.approx(1432.6)
+            assert (tpv["epy"], tpv["epx"]) == (2.0, 3.0)
+            repeated = [reports.until(lambda report: report["class"] == "TPV") for _ in range(4)]
+            assert [report["mode"] for report in repeated] == [3] * 4
+            assert {time_of(report) for report in repeated} == {captured}
+
+
+def test_without_a_current_fix_there_is_mode_1_until_the_next_one(program, board):
+    section = NmeaOutput(tcp="127.0.0.1:0", every_s=0.5, valid_s=30.0)
+    with publishing(section, board) as publisher:
+        host, port = publisher.tcp
+        with reports_of(program, f"tcp://{host}:{port}") as reports:
+            reports.until(no_position)
+            board.set_answer(an_answer("a", age_s=26.0, utc=datetime.now(UTC) - timedelta(seconds=26)))
+            reports.until(position)
+            over = reports.until(no_position)
+            assert "lat" not in over
+            seen = []
+            board.set_answer(an_answer("b", "ambiguous", age_s=1.0))
+            board.set_answer(an_answer("c", "none", age_s=0.5))
+            for _ in range(4):
+                reports.until(no_position, seen)
+            assert not [report for report in seen if position(report) or ellipse(report)]
+            board.set_answer(an_answer("d", age_s=0.1, utc=datetime.now(UTC)))
+            assert reports.until(position)["lat"] == pytest.approx(46.199, abs=2e-7)
+
+
+def test_a_capture_before_midnight_keeps_its_date_after_it(program, board, monkeypatch):
+    """gpsd moves on by a day where the hour runs backwards, unless RMC's date follows at once."""
+    now = datetime.now(UTC)
+    to_midnight = now.replace(hour=0, minute=0, second=2) + timedelta(days=1) - now
+    monkeypatch.setattr(clock, "wall_clock", lambda: datetime.now(UTC) + to_midnight)
+    monkeypatch.setattr(clock, "_session", clock._session)  # for monkeypatch to put back
+    clock.begin_session()
+    section = NmeaOutput(tcp="127.0.0.1:0", every_s=0.5, valid_s=1000.0)
+    captured = clock.wall_clock().replace(microsecond=0) - timedelta(seconds=15)
+    with publishing(section, board) as publisher:
+        host, port = publisher.tcp
+        with reports_of(program, f"tcp://{host}:{port}") as reports:
+            assert time_of(reports.until(lambda report: no_position(report) and "time" in report)) > captured
+            board.set_answer(an_answer(age_s=15.0, utc=captured))
+            for _ in range(3):
+                assert time_of(reports.until(position)) == captured
+
+
+def test_datagrams_do_as_well(program, board):
+    with socket.socket(type=socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{free.getsockname()[1]}"
+    with publishing(NmeaOutput(tcp=None, udp=(address,), every_s=0.5, valid_s=1000.0), board):
+        board.set_answer(an_answer(age_s=10.0, utc=datetime.now(UTC) - timedelta(seconds=10)))
+        with reports_of(program, f"udp://{address}") as reports:
+            assert reports.until(position)["lat"] == pytest.approx(46.199, abs=2e-7)
+            assert reports.until(ellipse)["major"] == 3.0
