@@ -1,10 +1,14 @@
 """``rig bundle``: what can be done with bundles afterwards."""
 
+import json
 from pathlib import Path
 
 import click
 
-from rig.bundle_look import list_, show, verify
+from localizer.bundle import load_bundle
+from rig.bundle_export import export, import_
+from rig.bundle_facts import facts
+from rig.bundle_look import json_option, list_, show, verify
 from rig.cli_options import config_option
 
 
@@ -34,8 +38,9 @@ def bundle() -> None:
     type=click.Path(path_type=Path),
     help="Where the new bundle goes; by default beside the old one.",
 )
+@json_option
 def recalibrate(
-    directory: Path, config_file: Path | None, files: tuple[Path, ...], out_dir: Path | None
+    directory: Path, config_file: Path | None, files: tuple[Path, ...], out_dir: Path | None, as_json: bool
 ) -> None:
     """Write a bundle anew from the raw readings of an old one, with better calibrations; the old one stays.
 
@@ -51,12 +56,13 @@ def recalibrate(
     if files:
         calibrations = [read_calibration(file) for file in files]
     else:
-        path = config_path(config_file)
-        calibrations = list(load_config(path).calibrations)
+        file = config_path(config_file)
+        calibrations = list(load_config(file).calibrations)
         if not calibrations:
-            raise click.UsageError(f"{path} names no calibration; give --calibration FILE.")
-    click.echo(derive_anew(directory, calibrations, out_dir or directory.resolve().parent))
+            raise click.UsageError(f"{file} names no calibration; give --calibration FILE.")
+    path = derive_anew(directory, calibrations, out_dir or directory.resolve().parent)
+    click.echo(json.dumps(facts(load_bundle(path))) if as_json else path)
 
 
-for _command in (list_, show, verify):
+for _command in (list_, show, verify, export, import_):
     bundle.add_command(_command)

@@ -1,117 +1,187 @@
 """``rig bundle list``, ``show`` and ``verify``: what bundles hold, and whether they are whole."""
 
+import csv
 import json
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import click
 
-from localizer.bundle import FILE_NAME, Bundle, BundleError, load_bundle
+from localizer.bundle import Bundle, BundleError, load_bundle
+from rig.bundle_archive import ArchiveError, bundles_of_archive, is_archive
+from rig.bundle_facts import TABLE_COLUMNS, bundles_in, facts, table_rows
 
-directory_argument = click.argument("directory", metavar="DIR", type=click.Path(path_type=Path))
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 
 
-def summary(bundle: Bundle) -> dict[str, Any]:
-    """A bundle in a few JSON values."""
-    raw = (bundle.model_extra or {}).get("raw", {})
-    return {
-        "id": bundle.id,
-        "created": bundle.model_dump(mode="json")["created"],
-        "directory": str(bundle.directory),
-        "altitude_m": bundle.altitude.value_m if bundle.altitude else None,
-        "azimuth_bias_sigma_deg": bundle.azimuth_bias_sigma_deg,
-        "frames": [
-            {
-                "label": frame.label,
-                "azimuth_deg": frame.azimuth_deg,
-                "tilt_deg": frame.tilt_deg,
-                "roll_deg": frame.roll_deg,
-                "skyline_share": (frame.model_extra or {}).get("raw", {}).get("skyline", {}).get("share"),
-            }
-            for frame in bundle.frames
-        ],
-        "faults": raw.get("faults", []),
-    }
-
-
-def _bundles_in(folder: Path) -> list[Path]:
-    return sorted(path.parent for path in folder.glob(f"[!.]*/{FILE_NAME}"))
+def loaded(paths: tuple[Path, ...]) -> Iterator[tuple[Path, Bundle | BundleError]]:
+    """The bundles in some folders, each of which may be one, whole or damaged. ``BundleError`` where there is none."""
+    for folder in paths:
+        if not folder.is_dir():
+            raise BundleError(f"{folder}: is no folder; name a bundle, or the folder that bundles are in")
+        found = bundles_in(folder)
+        if not found:
+            raise BundleError(f"{folder}: holds no bundle")
+        for path in found:
+            try:
+                yield path, load_bundle(path)
+            except BundleError as error:
+                yield path, error
 
 
 @click.command("list")
-@directory_argument
+@click.argument("folders", metavar="DIR...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @json_option
-def list_(directory: Path, as_json: bool) -> int:
-    """The bundles in a folder, oldest first, numbered; status 2 where one of them is damaged.
+@click.option(
+    "--csv", "as_csv", is_flag=True, help="Print a row for each frame of the bundles that are whole."
+)
+def list_(folders: tuple[Path, ...], as_json: bool, as_csv: bool) -> int:
+    """The bundles in folders and in folders below them, oldest first, numbered; status 2 where one is damaged.
 
-    Example: rig bundle list bundles
+    \b
+    Examples:
+      rig bundle list bundles
+      rig bundle list bundles --csv > readings.csv
     """
-    if not directory.is_dir():
-        raise BundleError(f"{directory}: is no folder; name the one that the bundles are in")
-    found, damaged = [], 0
-    for number, path in enumerate(_bundles_in(directory), 1):
-        try:
-            found.append({"number": number, **summary(load_bundle(path)), "problem": None})
-        except BundleError as error:
-            damaged += 1
-            found.append({"number": number, "id": path.name, "problem": str(error)})
-    if as_json:
-        click.echo(json.dumps(found, indent=2))
-        return 2 if damaged else 0
-    for each in found:
-        if each["problem"]:
-            click.echo(f"{each['number']:4}  {each['id']}  DAMAGED: {each['problem']}")
-            continue
-        frames = " ".join(frame["label"] for frame in each["frames"])
-        faults = f", {len(each['faults'])} kinds of faults overcome" if each["faults"] else ""
-        click.echo(f"{each['number']:4}  {each['id']}  {each['created']}  {frames}{faults}")
-    return 2 if damaged else 0
+    if as_json and as_csv:
+        raise click.UsageError("Give --json or --csv.")
+    everything = list(loaded(folders))
+    problems = [f"{result}" for _, result in everything if isinstance(result, BundleError)]
+    if as_csv:
+        table = csv.DictWriter(sys.stdout, TABLE_COLUMNS, lineterminator="\n")
+        table.writeheader()
+        for _, result in everything:
+            if isinstance(result, Bundle):
+                table.writerows(table_rows(result))
+        for problem in problems:
+            click.echo(f"rig: {problem}", err=True)
+        return 2 if problems else 0
+    found: list[dict[str, Any]] = []
+    for number, (path, result) in enumerate(everything, 1):
+        if isinstance(result, BundleError):
+            found.append({"number": number, "id": path.name, "directory": str(path), "problem": str(result)})
+        else:
+            found.append({"number": number, **facts(result), "problem": None})
+    click.echo(json.dumps(found, indent=2) if as_json else "\n".join(map(_row, found)))
+    return 2 if problems else 0
+
+
+def _row(found: dict[str, Any]) -> str:
+    start = f"{found['number']:4}  {found['id']}"
+    if found["problem"]:
+        return f"{start}  DAMAGED: {found['problem']}"
+    parts = [found["created"], " ".join(frame["label"] for frame in found["frames"])]
+    known = found["readings"]
+    parts += [f"{known['altitude_m']:.0f} m"] if "altitude_m" in known else []
+    parts += [f"heading {known['heading_deg']:.1f}"] if "heading_deg" in known else []
+    parts += [f"{found['series']['number']} of {found['series']['id']}"] if found["series"] else []
+    parts += [f"recalibrated from {found['recalibrated_from']}"] if found["recalibrated_from"] else []
+    faults = f", {len(found['faults'])} kinds of faults overcome" if found["faults"] else ""
+    return f"{start}  {'  '.join(parts)}{faults}"
 
 
 @click.command()
-@directory_argument
+@click.argument("directory", metavar="DIR", type=click.Path(path_type=Path, file_okay=False))
 @json_option
-def show(directory: Path, as_json: bool) -> None:
-    """What one bundle holds.
+@click.option(
+    "--picture",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="Draw the frames with the skylines found, as .png or .jpg.",
+)
+def show(directory: Path, as_json: bool, picture: Path | None) -> None:
+    """What one bundle holds: how vehicle and camera stood, how well that is known, and which faults were overcome.
 
-    Example: rig bundle show bundles/20261124T060000Z-3f9a
+    \b
+    Examples:
+      rig bundle show bundles/20261124T060000Z-3f9a
+      rig bundle show bundles/20261124T060000Z-3f9a --picture look.png
     """
-    found = summary(load_bundle(directory))
-    if as_json:
-        click.echo(json.dumps(found, indent=2))
-        return
-    altitude = f"{found['altitude_m']:.1f} m" if found["altitude_m"] is not None else "not measured"
-    click.echo(f"{found['id']}, {found['created']}, altitude {altitude}")
+    bundle = load_bundle(directory)
+    found = facts(bundle)
+    if picture is not None:
+        from rig.preview import write_preview  # it is slow to import
+
+        write_preview(picture, bundle, "")
+    click.echo(json.dumps(found, indent=2) if as_json else _shown(found))
+
+
+def _shown(found: dict[str, Any]) -> str:
+    known = found["readings"]
+    altitude = "altitude not measured"
+    if "altitude_m" in known:
+        altitude = f"altitude {known['altitude_m']:.1f} +- {known['altitude_sigma_m']:.1f} m"
+    lines = [f"{found['id']}, {found['created']}, {altitude}"]
+    if found["series"]:
+        lines.append(f"  number {found['series']['number']} of {found['series']['id']}")
+    if "heading_deg" in known:
+        lines.append(
+            f"  vehicle: heading {known['heading_deg']:.2f}, pitch {known.get('pitch_deg', 0.0):.2f}, "
+            f"roll {known.get('roll_deg', 0.0):.2f} deg"
+        )
+    lines.append(
+        f"  common to all frames: azimuth +- {known['azimuth_bias_sigma_deg']:.2f}, "
+        f"tilt +- {known['tilt_bias_sigma_deg']:.3f} deg"
+    )
     for frame in found["frames"]:
-        share = (
-            ""
-            if frame["skyline_share"] is None
-            else f", skyline in {frame['skyline_share']:.0%} of the columns"
-        )
-        click.echo(
+        share = frame["skyline_share"]
+        seen = "" if share is None else f", skyline in {share:.0%} of the columns"
+        lines.append(
             f"  {frame['label']}: azimuth {frame['azimuth_deg']:.2f}, tilt {frame['tilt_deg']:.2f}, "
-            f"roll {frame['roll_deg']:.2f} deg{share}"
+            f"roll {frame['roll_deg']:.2f} deg{seen}"
         )
-    for fault in found["faults"]:
-        click.echo(
-            f"  overcome: {fault['device']}: {fault['problem']}; {fault['action']} ({fault['count']} times)"
-        )
+        if frame["servo_volts"]:
+            volts, temps = (
+                "/".join(f"{value:g}" for value in frame[key])
+                for key in ("servo_volts", "servo_temperatures_c")
+            )
+            lines.append(f"     at {frame['time']}, servos {volts} V, {temps} °C")
+    lines += [f"  calibration: {kind} {name}" for kind, name in found["calibrations"].items()]
+    if found["recalibrated_from"]:
+        lines.append(f"  recalibrated from {found['recalibrated_from']}")
+    lines += [
+        f"  overcome: {fault['device']}: {fault['problem']}; {fault['action']} ({fault['count']} times)"
+        for fault in found["faults"]
+    ]
+    return "\n".join(lines)
 
 
 @click.command()
-@click.argument("directories", metavar="DIR...", nargs=-1, required=True, type=click.Path(path_type=Path))
-def verify(directories: tuple[Path, ...]) -> int:
-    """Read bundles to the last byte: sizes, ranges, checksums. Ends with status 2 where one is damaged.
+@click.argument("paths", metavar="DIR|ARCHIVE...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@json_option
+def verify(paths: tuple[Path, ...], as_json: bool) -> int:
+    """Read bundles to the last byte: sizes, ranges, checksums. Status 2 where one is damaged, or a folder has none.
 
-    Example: rig bundle verify bundles/*
+    A folder stands for all bundles below it, an archive of rig bundle export for all in it. With --json one object a line.
+
+    \b
+    Examples:
+      rig bundle verify bundles
+      rig bundle verify field-trip.tar
     """
     damaged = 0
-    for directory in directories:
-        try:
-            load_bundle(directory)
-            click.echo(f"{directory}: whole")
-        except BundleError as error:
-            damaged += 1
-            click.echo(f"rig: {error}", err=True)
+    for where, problem in _verified(paths):
+        damaged += problem is not None
+        if as_json:
+            click.echo(json.dumps({"path": where, "whole": problem is None, "problem": problem}))
+        elif problem is None:
+            click.echo(f"{where}: whole")
+        else:
+            click.echo(f"rig: {problem}", err=True)
     return 2 if damaged else 0
+
+
+def _verified(paths: tuple[Path, ...]) -> Iterator[tuple[str, str | None]]:
+    """Each bundle's place, and what is wrong with it."""
+    for path in paths:
+        try:
+            if is_archive(path):
+                for bundle in bundles_of_archive(path):
+                    yield f"{path}: {bundle.id}", None
+            else:
+                for where, result in loaded((path,)):
+                    yield str(where), str(result) if isinstance(result, BundleError) else None
+        except (BundleError, ArchiveError) as error:
+            yield str(path), str(error)

@@ -59,9 +59,7 @@ def require_writable(folder: Path) -> None:
 
     Asked before anything is measured: a capture takes long enough to be annoyed by a misspelt --out.
     """
-    existing = folder
-    while not existing.exists() and existing != existing.parent:
-        existing = existing.parent
+    existing = existing_part(folder)
     if not existing.is_dir():
         raise BundleWriteError(f"{folder}: {existing} is not a directory; choose another with --out")
     if not os.access(existing, os.W_OK | os.X_OK):
@@ -72,6 +70,13 @@ def require_writable(folder: Path) -> None:
             f"{folder}: only {free_bytes / 1e6:.1f} MB are free, a bundle may need {LEAST_FREE_BYTES / 1e6:.0f}; "
             "make room, or choose another with --out"
         )
+
+
+def existing_part(path: Path) -> Path:
+    """The path itself, or the nearest of its parents that is there."""
+    while not path.exists() and path != path.parent:
+        path = path.parent
+    return path
 
 
 def write_bundle(folder: Path, measurement: Measurement) -> Path:

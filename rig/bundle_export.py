@@ -1,0 +1,72 @@
+"""``rig bundle export`` and ``import``: bundles in one file, and out of it again."""
+
+import json
+from pathlib import Path
+
+import click
+
+from localizer.bundle import BundleError
+from rig.bundle_archive import unpack_archive, write_archive
+from rig.bundle_look import json_option, loaded
+
+
+@click.command()
+@click.argument("folders", metavar="DIR...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option(
+    "--out",
+    "path",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    required=True,
+    help="The new archive: .tar, .tar.gz or .zip.",
+)
+@json_option
+def export(folders: tuple[Path, ...], path: Path, as_json: bool) -> None:
+    """Put bundles, or all that lie in some folders, into one archive file, and read it back before it gets its name.
+
+    It holds a folder for each bundle, index.csv with a row for each frame, and SHA256SUMS. A damaged bundle is refused:
+    nothing is written then. rig bundle verify checks the archive, rig bundle import (or tar) unpacks it.
+
+    \b
+    Examples:
+      rig bundle export bundles --out field-trip.tar
+      rig bundle export bundles/20261124T0[67]* --out morning.zip
+    """
+    bundles = []
+    for _, result in loaded(folders):
+        if isinstance(result, BundleError):
+            raise result
+        bundles.append(result)
+    write_archive(path, bundles)
+    size = path.stat().st_size
+    if as_json:
+        ids = [bundle.id for bundle in bundles]
+        click.echo(json.dumps({"archive": str(path), "bytes": size, "bundles": ids}))
+    else:
+        click.echo(path)
+        click.echo(f"{len(bundles)} bundles, {size / 1e6:.1f} MB, read back and whole", err=True)
+
+
+@click.command("import")
+@click.argument("archive", metavar="ARCHIVE", type=click.Path(path_type=Path, dir_okay=False))
+@click.option(
+    "--out",
+    "out_dir",
+    metavar="DIR",
+    type=click.Path(path_type=Path, file_okay=False),
+    required=True,
+    help="The folder that the bundles go into.",
+)
+@json_option
+def import_(archive: Path, out_dir: Path, as_json: bool) -> None:
+    """Unpack the bundles of an archive; each is checked, and complete or absent. One that is there already, the same, stays.
+
+    Example: rig bundle import field-trip.tar --out bundles
+    """
+    for place, is_new in unpack_archive(archive, out_dir):
+        if as_json:
+            click.echo(json.dumps({"directory": str(place), "new": is_new}))
+        else:
+            click.echo(place)
+            if not is_new:
+                click.echo(f"{place} was there already", err=True)
