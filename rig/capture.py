@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,11 +62,12 @@ def capture(
     directions: Sequence[Direction],
     out_dir: Path,
     report: Reporter,
+    remarks: Mapping[str, Any] | None = None,
     *,
     park: bool = False,
     spare: bool = False,
 ) -> Path:
-    """Take a bundle into ``out_dir`` and return its directory.
+    """Take a bundle into ``out_dir`` and return its directory. ``remarks`` (JSON values) go into its ``raw``.
 
     With ``park`` the head goes to its parking place before it is let go, with ``spare`` the capture does without a compass
     or an altimeter that cannot be opened.
@@ -86,7 +88,8 @@ def capture(
         if abs(step_s) > CLOCK_STEP_S:
             note_fault("wall clock", f"stepped by {step_s:+.1f} s", "times are by the clock at the beginning")
     report.doing("writing the bundle")
-    return write_bundle(out_dir, replace(measurement, raw={**measurement.raw, "faults": faults.as_json()}))
+    raw = {**measurement.raw, **(remarks or {}), "faults": faults.as_json()}
+    return write_bundle(out_dir, replace(measurement, raw=raw))
 
 
 def measure_and_park(rig: Rig, directions: Sequence[Direction], report: Reporter) -> Measurement:

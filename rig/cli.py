@@ -18,10 +18,10 @@ from rig.calibrate.commands import (
     known_place_of,
     place_sigma_option,
 )
+from rig.capture_command import capture
 from rig.cli_options import config_option
 from rig.config import config_path, load_config
 from rig.daemon import command as daemon
-from rig.directions import Direction, parse_directions
 from rig.move_command import move
 from rig.record_command import record
 from rig.service.commands import service
@@ -45,102 +45,7 @@ def rig(verbose: bool) -> None:
     logging.basicConfig(level=level, format="rig: %(message)s")
 
 
-@rig.command()
-@config_option
-@click.option(
-    "--out",
-    "out_dir",
-    metavar="DIR",
-    type=click.Path(path_type=Path),
-    help="Where the bundle goes; by default [rig] bundle_dir.",
-)
-@click.option(
-    "--directions",
-    "names",
-    metavar="LIST",
-    help="Where to look: letters (N, NE, ...) or degrees true, separated by commas; by default [capture] directions.",
-)
-@click.option("--locate", is_flag=True, help="Search for the place at once; needs --dem.")
-@click.option(
-    "--dem",
-    "dem_paths",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
-    multiple=True,
-    help="Elevation file for --locate; repeat it for files that adjoin.",
-)
-@click.option(
-    "--repeat", type=click.IntRange(min=1), default=1, help="How many bundles to take, one after the other."
-)
-@click.option(
-    "--every",
-    "every_s",
-    type=click.FloatRange(min=0.0),
-    default=0.0,
-    help="From one beginning to the next, seconds.",
-)
-def capture(
-    config_file: Path | None,
-    out_dir: Path | None,
-    names: str | None,
-    locate: bool,
-    dem_paths: tuple[Path, ...],
-    repeat: int,
-    every_s: float,
-) -> int:
-    """Take a measurement bundle: level and heading of the vehicle, then a frame in each direction.
-
-    Prints the bundle's directory, and with --locate the fix after it; ends with the status of localizer locate
-    then. Ctrl-C ends it with the head relaxed and nothing half-written. With --repeat a capture that fails is told on
-    standard error and the next one is taken; the status is 2 where any failed.
-
-    \b
-    Examples:
-      rig capture --config vehicle.toml
-      rig capture --directions N,E,S,W --locate --dem terrain.tif
-      rig capture --repeat 48 --every 1800
-    """
-    if repeat > 1 and locate:
-        raise click.UsageError("--repeat takes bundles only; locate them afterwards.")
-    if locate != bool(dem_paths):
-        raise click.UsageError("--locate and --dem FILE go together.")
-    directions = _directions(names)
-    config = load_config(config_path(config_file))
-
-    # Slow to import, and bad input should be told at once.
-    from rig.capture import capture as take
-    from rig.progress import reporting
-
-    if locate:
-        from localizer.dem import load_dem
-
-        dem = load_dem(dem_paths)
-    directions = directions or config.capture.parsed_directions()
-    out_dir = out_dir or config.rig.bundle_dir
-    if repeat > 1:
-        from rig.repeat import repeated
-
-        def once() -> Path:
-            with reporting(1 + len(directions)) as report:
-                return take(config, directions, out_dir, report)
-
-        with stopping_cleanly():
-            return repeated(once, repeat, every_s)
-    with stopping_cleanly(), reporting(1 + len(directions)) as report:
-        bundle_dir = take(config, directions, out_dir, report)
-    click.echo(bundle_dir)
-    if not locate:
-        return 0
-
-    from localizer.bundle import load_bundle
-    from localizer.locate import locate_bundle
-    from localizer.report import report as fix_report
-
-    fix = locate_bundle(load_bundle(bundle_dir), dem).fix
-    click.echo(fix_report(fix, dem, None))
-    return fix.exit_status
-
-
+rig.add_command(capture)
 rig.add_command(calibrate)
 rig.add_command(bundle)
 rig.add_command(record)
@@ -201,13 +106,3 @@ def check(
             verdict = "holds" if offset.holds else "NO LONGER HOLDS: rig calibrate boresight"
             click.echo(f"{offset.name}: {offset.off_deg:+.3f} +- {offset.sigma_deg:.3f} deg off, {verdict}")
     return 0 if all(result.ok for result in results) and all(offset.holds for offset in offsets) else 1
-
-
-def _directions(names: str | None) -> list[Direction]:
-    """The directions of the option; none where it is not given."""
-    if names is None:
-        return []
-    try:
-        return parse_directions(names.split(","))
-    except ValueError as error:
-        raise click.UsageError(f"--directions: {error}.") from error

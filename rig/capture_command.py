@@ -1,0 +1,190 @@
+"""The command ``rig capture``."""
+
+import json
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rig.cli_options import config_option
+from rig.config import RigConfig, config_path, load_config
+from rig.directions import Direction, parse_directions
+from rig.signals import stopping_cleanly
+
+if TYPE_CHECKING:
+    from localizer.dem import Dem
+
+# What measures and searches is slow to import, and bad input should be told at once: the functions import it.
+
+
+@click.command()
+@config_option
+@click.option(
+    "--out",
+    "out_dir",
+    metavar="DIR",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Where the bundle goes; by default [rig] bundle_dir.",
+)
+@click.option(
+    "--directions",
+    "names",
+    metavar="LIST",
+    help="Where to look: letters (N, NE, ...) or degrees true, separated by commas; by default [capture] directions.",
+)
+@click.option("--locate", is_flag=True, help="Search for the place at once; needs --dem.")
+@click.option(
+    "--dem",
+    "dem_paths",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    multiple=True,
+    help="Elevation file for --locate; repeat it for files that adjoin.",
+)
+@click.option(
+    "--repeat",
+    type=click.IntRange(min=1),
+    default=1,
+    metavar="N",
+    help="Take a series of so many bundles, in a folder of its own.",
+)
+@click.option(
+    "--every",
+    "every_s",
+    type=click.FloatRange(min=0.0),
+    default=0.0,
+    metavar="SECONDS",
+    help="From the beginning of one bundle of a series to the next.",
+)
+@click.option("--fresh", is_flag=True, help="Begin another series although one like it is unfinished.")
+@click.option(
+    "--json", "as_json", is_flag=True, help="Print JSON: an object, or a line for each bundle of a series."
+)
+def capture(
+    config_file: Path | None,
+    out_dir: Path | None,
+    names: str | None,
+    locate: bool,
+    dem_paths: tuple[Path, ...],
+    repeat: int,
+    every_s: float,
+    fresh: bool,
+    as_json: bool,
+) -> int:
+    """Take a measurement bundle: level and heading of the vehicle, then a frame in each direction.
+
+    Prints the bundle's directory, and with --locate the fix after it; ends with the status of localizer locate
+    then. Ctrl-C ends it with the head relaxed and nothing half-written.
+
+    With --repeat a series: its folder holds the bundles, a picture of each with the skylines found, and series.jsonl, which is
+    kept so that the same command goes on where Ctrl-C, a crash or a power cut stopped it. Space for all of it is checked
+    beforehand. A capture that fails does not end it; a summary says at the end what failed and why, how far the readings
+    spread and how long it took, and the status is 2 where any failed.
+
+    \b
+    Examples:
+      rig capture --config vehicle.toml
+      rig capture --directions N,E,S,W --locate --dem terrain.tif
+      rig capture --repeat 48 --every 1800
+    """
+    if repeat > 1 and locate:
+        raise click.UsageError("--repeat takes bundles only; locate them afterwards.")
+    if locate != bool(dem_paths):
+        raise click.UsageError("--locate and --dem FILE go together.")
+    if repeat == 1 and (fresh or every_s):
+        raise click.UsageError("--every and --fresh go with --repeat N, N being 2 or more.")
+    directions = _directions(names)
+    config = load_config(config_path(config_file))
+    directions = directions or config.capture.parsed_directions()
+    out_dir = out_dir or config.rig.bundle_dir
+    if repeat > 1:
+        return _take_series(config, directions, out_dir, repeat, every_s, fresh, as_json)
+    dem = _load_dem(dem_paths) if locate else None
+    return _take_one(config, directions, out_dir, dem, as_json)
+
+
+def _take_one(
+    config: RigConfig, directions: list[Direction], out_dir: Path, dem: "Dem | None", as_json: bool
+) -> int:
+    from localizer.bundle import load_bundle
+    from rig.bundle_facts import facts
+    from rig.capture import capture as take
+    from rig.progress import reporting
+
+    begun_s = time.monotonic()
+    with stopping_cleanly(), reporting(1 + len(directions)) as report:
+        bundle_dir = take(config, directions, out_dir, report)
+    took_s = time.monotonic() - begun_s
+    if not as_json:
+        click.echo(bundle_dir)
+    found = {**facts(load_bundle(bundle_dir)), "took_s": round(took_s, 2)} if as_json else {}
+    status = 0
+    if dem is not None:
+        from localizer.locate import locate_bundle
+        from localizer.report import report as fix_report
+
+        fix = locate_bundle(load_bundle(bundle_dir), dem).fix
+        found["fix"] = json.loads(fix.to_json()) if as_json else None
+        if not as_json:
+            click.echo(fix_report(fix, dem, None))
+        status = fix.exit_status
+    if as_json:
+        click.echo(json.dumps(found))
+    return status
+
+
+def _take_series(
+    config: RigConfig,
+    directions: list[Direction],
+    out_dir: Path,
+    repeat: int,
+    every_s: float,
+    fresh: bool,
+    as_json: bool,
+) -> int:
+    from rig.bundle_writer import require_writable
+    from rig.capture import capture as take
+    from rig.progress import reporting
+    from rig.series.record import Plan, begin_series, held, unfinished_series
+    from rig.series.report import Reports
+    from rig.series.run import take_series
+    from rig.series.space import require_space
+
+    require_writable(out_dir)
+    plan = Plan(repeat, every_s, tuple(direction.label for direction in directions), config.rig.name)
+    unfinished = None if fresh else unfinished_series(out_dir, plan)
+    require_space(out_dir, config, len(unfinished.left()) if unfinished else repeat, len(directions))
+    folder = (unfinished or begin_series(out_dir, plan)).folder
+
+    def once(into: Path, remarks: Mapping[str, Any]) -> Path:
+        with reporting(1 + len(directions)) as report:
+            return take(config, directions, into, report, remarks)
+
+    with held(folder) as series:
+        reports = Reports(series, as_json)
+        reports.begins(goes_on=unfinished is not None)
+        try:
+            with stopping_cleanly():
+                for outcome in take_series(series, once, reports.say):
+                    reports.outcome(outcome)
+        finally:
+            reports.ends()
+    return 2 if any(outcome.reason for outcome in series.outcomes.values()) else 0
+
+
+def _load_dem(paths: tuple[Path, ...]) -> "Dem":
+    from localizer.dem import load_dem
+
+    return load_dem(paths)
+
+
+def _directions(names: str | None) -> list[Direction]:
+    """The directions of the option; none where it is not given."""
+    if names is None:
+        return []
+    try:
+        return parse_directions(names.split(","))
+    except ValueError as error:
+        raise click.UsageError(f"--directions: {error}.") from error

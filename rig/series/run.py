@@ -1,0 +1,71 @@
+"""Taking a series: numbers that are left, each in its time; one that fails does not end it."""
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from datetime import timedelta
+from pathlib import Path
+from typing import Any
+
+from localizer.bundle import Bundle, BundleError, load_bundle
+from rig.bundle_facts import bundles_in, readings
+from rig.clock import wall_clock
+from rig.errors import RigError
+from rig.series.record import Outcome, Series
+
+Take = Callable[[Path, Mapping[str, Any]], Path]
+"""Takes a bundle into a folder, with remarks in its ``raw``, and returns its directory."""
+
+
+def take_series(series: Series, take: Take, say: Callable[[str], None]) -> Iterator[Outcome]:
+    """Take what is left of a series, and yield what each number came to as soon as its record is on the disk.
+
+    Beginnings lie ``every_s`` apart, or follow at once where a capture takes longer; a series that was stopped goes on
+    in its rhythm, and a number that was under way is taken again. Raises ``SeriesError`` where the record cannot be kept.
+    """
+    due_s = time.monotonic() + _still_waits_s(series)
+    for number in series.left():
+        found = _left_by_a_crash(series, number)
+        if found is not None:
+            say(f"bundle {number} of {series.plan.repeat} was there already: {found.id}")
+            yield series.taken(number, None, found, readings(found))
+            continue
+        wait_s = due_s - time.monotonic()
+        if wait_s > 1.0:
+            at = wall_clock() + timedelta(seconds=wait_s)
+            say(f"bundle {number} of {series.plan.repeat} at {at:%H:%M:%S}Z")
+        time.sleep(max(0.0, wait_s))
+        due_s = max(due_s, time.monotonic() - 1.0) + series.plan.every_s
+        series.begin(number)
+        begun_s = time.monotonic()
+        try:
+            path = take(series.bundles, {"series": {"id": series.id, "number": number}})
+            bundle = load_bundle(path)
+        except (RigError, BundleError) as error:
+            yield series.failed(number, time.monotonic() - begun_s, str(error))
+        else:
+            yield series.taken(number, time.monotonic() - begun_s, bundle, readings(bundle))
+    series.end()
+
+
+def _still_waits_s(series: Series) -> float:
+    """How long the next number still has to wait after a stop; never longer than ``every_s``, whatever the clock says."""
+    last = max(series.begun, default=0)
+    if last not in series.outcomes:
+        return 0.0
+    gone_s = (wall_clock() - series.begun[last]).total_seconds()
+    return min(max(series.plan.every_s - gone_s, 0.0), series.plan.every_s)
+
+
+def _left_by_a_crash(series: Series, number: int) -> Bundle | None:
+    """The bundle of a capture that ended before its record could be written."""
+    if number not in series.begun:
+        return None
+    known = {outcome.bundle for outcome in series.outcomes.values()}
+    mark = {"id": series.id, "number": number}
+    for path in bundles_in(series.bundles):
+        if path.name not in known:
+            bundle = load_bundle(path)
+            raw = (bundle.model_extra or {}).get("raw") or {}
+            if raw.get("series") == mark and "recalibrated_from" not in raw:
+                return bundle
+    return None

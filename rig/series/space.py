@@ -1,0 +1,29 @@
+"""Whether the disk holds what a series will write."""
+
+import shutil
+from pathlib import Path
+
+from rig.bundle_writer import LEAST_FREE_BYTES, BundleWriteError, existing_part
+from rig.config import RigConfig
+
+FRAME_BYTES_OF_RAW = 1.01  # a PNG of noise is no smaller than its pixels
+PREVIEW_BYTES = 400_000
+RECORD_BYTES = 100_000
+
+
+def bundle_bytes(config: RigConfig, frames: int) -> int:
+    """What a bundle with its picture takes at most."""
+    raw = config.camera.width_px * config.camera.height_px * 3
+    return round(frames * raw * FRAME_BYTES_OF_RAW) + PREVIEW_BYTES + RECORD_BYTES
+
+
+def require_space(folder: Path, config: RigConfig, bundles: int, frames: int) -> None:
+    """Raise ``BundleWriteError`` where so many bundles do not fit, and say how many would."""
+    each = bundle_bytes(config, frames)
+    free = shutil.disk_usage(existing_part(folder)).free
+    if free < bundles * each + LEAST_FREE_BYTES:
+        fit = max(0, (free - LEAST_FREE_BYTES) // each)
+        raise BundleWriteError(
+            f"{folder}: {bundles} bundles may need {(bundles * each + LEAST_FREE_BYTES) / 1e6:.0f} MB, "
+            f"{free / 1e6:.0f} MB are free, enough for {fit}; make room, choose another with --out, or take fewer"
+        )
