@@ -2,10 +2,19 @@
 
 from contextlib import ExitStack
 
+import structlog
+
 from rig.daemon.board import Actions, Board
 from rig.daemon.config import RunSection
 from rig.daemon.spool import Spool
 
+_log = structlog.get_logger(__name__)
+
 
 def publish(stack: ExitStack, run: RunSection, board: Board, actions: Actions, spool: Spool) -> None:
     """Enter the publisher of each section that there is, to be left with ``stack``. ``RigError`` where one cannot begin."""
+    if run.http:
+        from rig.daemon.http import serving
+
+        url = stack.enter_context(serving(run.http, board, actions, spool, run.dem))
+        _log.info("HTTP", url=url)

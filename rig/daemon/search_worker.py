@@ -16,17 +16,21 @@ import queue
 import signal
 import sys
 import threading
+import time
 from functools import partial
 from pathlib import Path
 from typing import Any, TextIO
 
-from localizer.bundle import Bundle, load_bundle
+from localizer.bundle import Bundle, frame_image, load_bundle
 from localizer.dem import load_dem
 from localizer.errors import SkyfixError
+from localizer.horizon.from_image import find_skyline
 from localizer.horizon.from_terrain import Terrain, prepare_terrain
-from localizer.locate import load_kernels
+from localizer.locate import load_kernels, observe
 from localizer.track.report import track_line
-from localizer.track.tracker import Tracker, follow_bundle
+from localizer.track.tracker import Tracker, follow
+from rig.atomic import write_atomically
+from rig.daemon.skylines import FILE_NAME, BundleSkylines, bundle_skylines
 from rig.daemon.spool_index import leg_of
 
 NICENESS = 5
@@ -74,7 +78,11 @@ def _send(out: TextIO, message: dict[str, Any]) -> None:
 def _located(terrain: Terrain, request: dict[str, Any]) -> dict[str, Any]:
     bundle = load_bundle(Path(request["bundle"]))
     tracker = Tracker.model_validate(request["tracker"])
-    step = follow_bundle(tracker, leg_of(request["leg"]), terrain, bundle)
+    begin = time.perf_counter()
+    skylines = [find_skyline(frame_image(bundle, frame)) for frame in bundle.frames]
+    timing_s = {"horizon": time.perf_counter() - begin}
+    step = follow(tracker, leg_of(request["leg"]), terrain, observe(bundle, skylines), bundle.id, timing_s)
+    _store(bundle.directory / FILE_NAME, bundle_skylines(bundle, skylines, step.fix, terrain))
     return {
         "track": track_line(step, terrain.dem).model_dump(mode="json", by_alias=True),
         "tracker": step.tracker.model_dump(mode="json", by_alias=True),
@@ -82,6 +90,14 @@ def _located(terrain: Terrain, request: dict[str, Any]) -> dict[str, Any]:
         "azimuth_bias_sigma_deg": step.best.azimuth_bias_sigma_deg if step.best else None,
         "standing": standing_of(bundle),
     }
+
+
+def _store(file: Path, skylines: BundleSkylines) -> None:
+    """For the page; a fix is a fix without it."""
+    try:
+        write_atomically(file, skylines.model_dump_json().encode())
+    except OSError as error:
+        print(f"{file}: {error.strerror}; the page will not show the skylines", file=sys.stderr)
 
 
 def standing_of(bundle: Bundle) -> dict[str, Any]:

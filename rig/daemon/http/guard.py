@@ -101,8 +101,8 @@ def read_token(path: Path) -> str:
         raise ConfigError(
             f"{where}: holds no token: one word of {LEAST_TOKEN} characters or more; make one with: openssl rand -hex 16"
         )
-    if mode & (stat.S_IRGRP | stat.S_IROTH):
-        _log.warning("%s can be read by others than its owner: chmod 600", where)
+    if mode & stat.S_IROTH:
+        _log.warning("%s can be read by everybody: chmod o-r", where)
     return token
 
 
