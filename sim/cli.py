@@ -11,6 +11,7 @@ import click
 
 from localizer import command_line
 from sim.command import find_command, run_command
+from sim.drive_command import drive
 from sim.errors import SimulationError
 from sim.evaluate.command import evaluate
 from sim.failures import one_line_failures
@@ -243,3 +244,4 @@ def paper(dem_paths: tuple[Path, ...], seed: int, as_json: bool) -> None:
 sim.add_command(evaluate)
 sim.add_command(rigs)
 sim.add_command(replay)
+sim.add_command(drive)

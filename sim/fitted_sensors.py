@@ -62,11 +62,14 @@ def inclinometer(world: World, head: HeadNow, clock: Clock) -> FittedChip:
     """The accelerometer in the head."""
     wanted = world.scenario.inclinometer
     mounting = MOUNTING[wanted.chip]
-    to_chip = chip_axes(mounting)
+    to_chip, shaking = chip_axes(mounting), world.rng("shaking")
 
     def acceleration_g() -> Array:
         state = head()
-        return to_chip @ world.accelerometer_in_head(state.pan_deg, state.tilt_deg)
+        seen_g = world.accelerometer_in_head(state.pan_deg, state.tilt_deg)
+        if world.vehicle.shaken_mg:
+            seen_g = seen_g + shaking.normal(0.0, world.vehicle.shaken_mg / 1000.0, 3)
+        return to_chip @ seen_g
 
     chip = (Adxl355 if wanted.chip == "adxl355" else Iis2iclx)(
         acceleration_g,

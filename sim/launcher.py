@@ -21,22 +21,20 @@ from sim.devices.servo import GearTrain, Servo
 from sim.devices.servo_bus import ServoBus
 from sim.devices.talkers import Talker
 from sim.devices.x_series import BAUD_RATES, MODELS
+from sim.eye import Eye, Picture
 from sim.faults.chip import FaultyChip
 from sim.faults.player import Stage, playing
 from sim.faults.script import Fault
 from sim.fitted_sensors import FittedChip, FittedTalker
-from sim.mechanics import JointState
-from sim.panorama import render_panorama
-from sim.renderer import Renderer
+from sim.mechanics import Attitude, JointState
 from sim.rig_config import rig_config, run_tables
+from sim.steering import CONTROL_VARIABLE, steered
 from sim.world import World
 
 BAUD = 1_000_000
 DEG_PER_TICK = 360.0 / 4096.0
 RETURN_DELAY_2US = 25
 """What an installer sets it to, in units of 2 us; the factory's 500 us only cost time."""
-
-Picture = Callable[[NDArray[np.float64], np.random.Generator], NDArray[np.uint8]]
 
 
 @dataclass(frozen=True)
@@ -78,14 +76,51 @@ class SimulatedRig:
     talkers: tuple[Talker, ...]
     stage: Stage
     clock_steps: bool
+    world: World
+    eye: Eye
 
     @property
     def environment(self) -> dict[str, str]:
-        """The environment variables of the contract, and the wall clock's where a fault steps it."""
-        paths = {"SKYFIX_CONFIG": self.config_path, "SKYFIX_TRUTH": self.truth_path}
+        """The variables of the contract, the socket of ``sim drive``, and the wall clock's where a fault steps it."""
+        paths = {
+            "SKYFIX_CONFIG": self.config_path,
+            "SKYFIX_TRUTH": self.truth_path,
+            CONTROL_VARIABLE: self.config_path.with_name("control.sock"),
+        }
         if self.clock_steps:
             paths["SKYFIX_CLOCK_OFFSET"] = self.stage.clock_file
         return {name: str(path) for name, path in paths.items()}
+
+    def truth(self) -> dict[str, Any]:
+        """The truth at this moment."""
+        return self.world.truth_json()
+
+    def shake(self, mg: float) -> None:
+        """The vehicle drives: its inclinometer has so much noise, one sigma; 0 when it stands."""
+        self.world.vehicle.shaken_mg = mg
+
+    def stand_at(
+        self,
+        lat_deg: float,
+        lon_deg: float,
+        heading_deg: float,
+        pitch_deg: float = 0.0,
+        roll_deg: float = 0.0,
+    ) -> dict[str, Any]:
+        """Put the vehicle elsewhere while all devices run; returns the truth there, which the truth's file says, too.
+
+        Raises:
+            SimulationError: the DEM has no height there.
+        """
+        standpoint = self.world.standpoint_at(lat_deg, lon_deg)
+        self.eye.look_from(standpoint)
+        self.world.vehicle.standpoint = standpoint
+        self.world.mechanics.base = Attitude(heading_deg % 360.0, pitch_deg, roll_deg)
+        truth = self.truth()
+        fresh = self.truth_path.with_suffix(".new")
+        fresh.write_text(json.dumps(truth, indent=2), encoding="utf-8")
+        fresh.replace(self.truth_path)
+        return truth
 
 
 @contextmanager
@@ -107,7 +142,7 @@ def simulated_rig(
     ``faults`` are played, and ``say`` hears when. With ``dem_paths`` the configuration has a ``[run]`` for the daemon, which
     searches these and keeps its spool beside the bundles.
     """
-    picture = picture or Renderer(world, render_panorama(world)).frame
+    eye = Eye(world, picture)
     start_s = time.monotonic()
 
     def clock() -> float:
@@ -154,7 +189,7 @@ def simulated_rig(
         i2c = I2cBridge({number: [chip for bus, chip in chips.values() if bus == number] for number in buses})
         running.callback(i2c.close)
 
-        camera = _camera(world, head, picture)
+        camera = _camera(world, head, eye.picture)
         running.callback(camera.close)
 
         def keys(fitted: FittedChip | FittedTalker) -> dict[str, Any]:
@@ -197,7 +232,7 @@ def simulated_rig(
         config_path.write_text(config, encoding="utf-8")
         truth_path.write_text(json.dumps(world.truth_json(), indent=2), encoding="utf-8")
         running.enter_context(playing(stage, faults, say))
-        yield SimulatedRig(
+        rig = SimulatedRig(
             config_path,
             truth_path,
             pan,
@@ -208,7 +243,11 @@ def simulated_rig(
             tuple(talkers.values()),
             stage,
             clock_steps=any(fault.device == "clock" for fault in faults),
+            world=world,
+            eye=eye,
         )
+        running.enter_context(steered(rig, config_path.with_name("control.sock")))
+        yield rig
 
 
 def _model_name(world: World, joint: Joint) -> str:

@@ -136,18 +136,33 @@ class MagneticField:
 
 
 @dataclass(frozen=True)
+class Standpoint:
+    """Where the vehicle is, the eye there, and the field."""
+
+    place: TruePlace
+    observer: Observer
+    field: MagneticField
+
+
+@dataclass
+class Vehicle:
+    """What changes when the vehicle drives: where it stands, and how much it shakes meanwhile (one sigma)."""
+
+    standpoint: Standpoint
+    shaken_mg: float = 0.0
+
+
+@dataclass(frozen=True)
 class World:
-    """The truth about one simulated rig. Immutable but for where the joints are and how the vehicle is turned."""
+    """The truth about one simulated rig. Immutable but for where the joints are and where and how the vehicle stands."""
 
     scenario: Scenario
     seed: int
     surface: Surface
-    place: TruePlace
-    observer: Observer
+    vehicle: Vehicle
     mechanics: Mechanics
     biases: Biases
     air: Air
-    field: MagneticField
     reference: PressureReference
     head: Head
 
@@ -173,15 +188,37 @@ class World:
             scenario=scenario,
             seed=seed,
             surface=surface,
-            place=place,
-            observer=observer,
+            vehicle=Vehicle(_standpoint(scenario, biases, place, observer)),
             mechanics=Mechanics(base, biases.boresight),
             biases=biases,
             air=air,
-            field=_magnetic_field(place, scenario.weather.decimal_year, biases.declination_anomaly_deg),
             reference=_draw_reference(surface, air, biases, random_generator(seed, "reference")),
             head=Head(),
         )
+
+    @property
+    def place(self) -> TruePlace:
+        """Where the vehicle stands."""
+        return self.vehicle.standpoint.place
+
+    @property
+    def observer(self) -> Observer:
+        """The camera's optical centre."""
+        return self.vehicle.standpoint.observer
+
+    @property
+    def field(self) -> MagneticField:
+        """The Earth's field there."""
+        return self.vehicle.standpoint.field
+
+    def standpoint_at(self, lat_deg: float, lon_deg: float) -> Standpoint:
+        """Another place in this world, for the vehicle to drive to.
+
+        Raises:
+            SimulationError: the DEM has no height there.
+        """
+        observer = _eye_at(self.surface, self.scenario, lat_deg, lon_deg)
+        return _standpoint(self.scenario, self.biases, _place(self.surface, observer), observer)
 
     def rng(self, purpose: str) -> np.random.Generator:
         """A generator of its own for a device's noise, the same one for the same seed and purpose."""
@@ -277,13 +314,7 @@ def draw_place(
     """
     conditions = scenario.place
     if conditions.lat_deg is not None and conditions.lon_deg is not None:
-        row, col = (float(x) for x in surface.terrain.row_col(conditions.lon_deg, conditions.lat_deg))
-        if not np.isfinite(surface.height(row, col)):
-            raise SimulationError(
-                f"DEM {surface.terrain.name}: has no height at {conditions.lat_deg:.5f}, {conditions.lon_deg:.5f};"
-                " choose another [place]"
-            )
-        return _eye(surface, scenario, row, col)
+        return _eye_at(surface, scenario, conditions.lat_deg, conditions.lon_deg)
     inside_m = _distance_from_edge_m(surface)
     suits = inside_m > conditions.edge_margin_m
     candidates = np.argwhere(suits if allowed is None else suits & allowed)
@@ -302,6 +333,20 @@ def draw_place(
         f"DEM {surface.terrain.name}: found no drivable place where terrain inside it closes the view in"
         f" {conditions.enclosed_fraction:.0%} of the directions; use a larger DEM or a milder [place]"
     )
+
+
+def _eye_at(surface: Surface, scenario: Scenario, lat_deg: float, lon_deg: float) -> Observer:
+    row, col = (float(x) for x in surface.terrain.row_col(lon_deg, lat_deg))
+    if not np.isfinite(surface.height(row, col)):
+        raise SimulationError(
+            f"DEM {surface.terrain.name}: has no height at {lat_deg:.5f}, {lon_deg:.5f}; choose another [place]"
+        )
+    return _eye(surface, scenario, row, col)
+
+
+def _standpoint(scenario: Scenario, biases: Biases, place: TruePlace, observer: Observer) -> Standpoint:
+    field = _magnetic_field(place, scenario.weather.decimal_year, biases.declination_anomaly_deg)
+    return Standpoint(place, observer, field)
 
 
 def _eye(surface: Surface, scenario: Scenario, row: float, col: float) -> Observer:

@@ -107,11 +107,15 @@ class Silent:
 
 
 @contextlib.contextmanager
-def quick_rig(world: World, folder: Path, faults: Sequence[Fault] = ()) -> Iterator[Quick]:
-    """A rig with a fault script and a configuration that asks for a quick capture."""
+def quick_rig(
+    world: World, folder: Path, faults: Sequence[Fault] = (), dem_paths: Sequence[Path] = ()
+) -> Iterator[Quick]:
+    """A rig with a fault script and a configuration that asks for a quick capture; with ``dem_paths`` for a daemon, too."""
     said: list[str] = []
     bundles = folder / "bundles"
-    with simulated_rig(world, picture=hills, bundle_dir=bundles, faults=faults, say=said.append) as rig:
+    with simulated_rig(
+        world, picture=hills, bundle_dir=bundles, faults=faults, say=said.append, dem_paths=dem_paths
+    ) as rig:
         text = rig.config_path.read_text()
         for section, keys in HASTE.items():
             text = text.replace(section + "\n", f"{section}\n{keys}\n")

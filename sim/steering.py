@@ -1,0 +1,100 @@
+"""How a simulated rig that runs is driven from another process: a socket that takes one JSON object a line.
+
+    {"do": "shake", "mg": 30.0}                                          the vehicle drives
+    {"do": "stand", "lat_deg": 37.3, "lon_deg": -122.2, "heading_deg": 90.0}   it is elsewhere, and stands
+    {"do": "truth"}
+
+Each is answered with the truth at that moment, or with ``{"error": "..."}``.
+"""
+
+import json
+import socket
+import threading
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, Protocol
+
+from sim.errors import SimulationError
+
+CONTROL_VARIABLE = "SKYFIX_SIM_CONTROL"
+DRAWING_S = 120.0
+"""Going elsewhere draws the view from there."""
+
+
+class Steerable(Protocol):
+    """What a simulated rig offers to a driver."""
+
+    def shake(self, mg: float) -> None: ...
+    def stand_at(
+        self, lat_deg: float, lon_deg: float, heading_deg: float, pitch_deg: float, roll_deg: float
+    ) -> dict[str, Any]: ...
+    def truth(self) -> dict[str, Any]: ...
+
+
+@contextmanager
+def steered(rig: Steerable, path: Path) -> Iterator[None]:
+    """Listen at ``path`` while the context lasts."""
+    stop = threading.Event()
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as listener:
+        listener.bind(str(path))
+        listener.listen()
+        listener.settimeout(0.2)
+        thread = threading.Thread(target=_serve, args=(rig, listener, stop), name="steering", daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            stop.set()
+            thread.join()
+
+
+def _serve(rig: Steerable, listener: socket.socket, stop: threading.Event) -> None:
+    while not stop.is_set():
+        try:
+            client, _ = listener.accept()
+        except TimeoutError:
+            continue
+        with client, suppress(OSError):  # whoever went away needs no answer
+            client.settimeout(2.0)
+            with client.makefile("rb") as lines:
+                client.sendall(json.dumps(_done(rig, lines.readline())).encode() + b"\n")
+
+
+def _done(rig: Steerable, line: bytes) -> dict[str, Any]:
+    try:
+        request = json.loads(line)
+        match request.pop("do", None):
+            case "shake":
+                rig.shake(**request)
+            case "stand":
+                truth = rig.stand_at(**{"pitch_deg": 0.0, "roll_deg": 0.0, **request})
+                rig.shake(0.0)
+                return truth
+            case "truth":
+                pass
+            case other:
+                return {"error": f"cannot do {other!r}; shake, stand or truth"}
+    except (ValueError, TypeError, AttributeError, SimulationError) as error:
+        return {"error": str(error)}
+    return rig.truth()
+
+
+def steer(path: Path, request: Mapping[str, Any]) -> dict[str, Any]:
+    """Ask the rig that listens at ``path``.
+
+    Raises:
+        SimulationError: there is none, or it cannot do that.
+    """
+    try:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as rig:
+            rig.settimeout(DRAWING_S)
+            rig.connect(str(path))
+            rig.sendall(json.dumps(request).encode() + b"\n")
+            with rig.makefile("rb") as lines:
+                answer: dict[str, Any] = json.loads(lines.readline() or b"{}")
+    except OSError as error:
+        raise SimulationError(f"{path}: no simulated rig answers there: {error.strerror or error}") from error
+    if not answer or "error" in answer:
+        raise SimulationError(f"{path}: {answer.get('error', 'the simulated rig ended')}")
+    return answer

@@ -1,0 +1,56 @@
+"""``rig run`` as the vehicle's computer has it: a process, devices at wire level, signals."""
+
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from fakes.daemon import Daemon, add_keys, running_daemon
+from fakes.simulated import Quick, quick_rig, world
+
+from localizer.bundle import load_bundle
+from rig.daemon.control import ControlError, ask
+from sim.cli import EMBEDDED_DEM
+
+ENDS_WITHIN_S = 10.0
+
+
+@pytest.fixture
+def quick(tmp_path: Path) -> Iterator[Quick]:
+    with quick_rig(world(), tmp_path, dem_paths=[EMBEDDED_DEM]) as quick:
+        ahead_deg = round(quick.world.mechanics.base.heading_deg)
+        add_keys(quick.rig.config_path, "capture", directions=[ahead_deg, (ahead_deg + 25) % 360])
+        add_keys(quick.rig.config_path, "run", retry_most_s=1.0, check_every_s=1.0)
+        yield quick
+
+
+@pytest.fixture
+def daemon(quick: Quick, tmp_path: Path) -> Iterator[Daemon]:
+    with running_daemon(quick.rig.config_path, tmp_path / "log") as daemon:
+        yield daemon
+
+
+def test_a_trigger_comes_to_an_answer_and_a_stop_in_the_middle_of_the_next_is_safe(
+    quick: Quick, daemon: Daemon
+) -> None:
+    daemon.until_ready()
+    assert daemon.ask("trigger") == {"answer": "started"}
+    assert daemon.ask("trigger") == {"answer": "busy"}
+    status = daemon.until_idle(answers=1)
+    (folder,) = (daemon.spool / "bundles").iterdir()
+    assert status["last"]["bundle"] == load_bundle(folder).id
+    assert status["last"]["fix"]["status"] == "none"  # these hills are nowhere
+    assert status["last"]["trigger"] == "command"
+    assert 0.0 < status["last"]["age_s"] < 3600.0
+    assert quick.torques == [0, 0]
+
+    daemon.process.send_signal(signal.SIGUSR1)
+    daemon.until(lambda status: any(quick.torques), "moving")
+    begun_s = time.monotonic()
+    assert daemon.stop() == 0
+    assert time.monotonic() - begun_s < ENDS_WITHIN_S
+    assert quick.torques == [0, 0]
+    assert [path.name for path in (daemon.spool / "bundles").iterdir()] == [folder.name]
+    with pytest.raises(ControlError, match="no rig run listens there"):
+        ask(daemon.control, "status")
