@@ -27,6 +27,7 @@ from rig.config import CameraSection
 from rig.errors import DeviceError, TransientError
 from rig.fault_notes import note_fault
 from rig.readings import Instant
+from rig.telemetry import feed
 
 Image = NDArray[np.uint8]
 
@@ -187,6 +188,7 @@ class Camera:
             self._failure = None
             self._count += 1
             self._changed.notify_all()
+        feed.publish(frame)
 
     def _open(self) -> cv2.VideoCapture:
         section = self._section

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from localizer.bundle import Altitude
+from localizer.errors import SkyfixError
 from localizer.horizon.from_image import find_skyline
 from rig import clock, derive
 from rig.attitude import HeadLevel
@@ -28,8 +29,9 @@ from rig.kinematics import Attitude, Head, JointAngles, body_attitude, head_rota
 from rig.measure import AltitudeReading, read_altitude, require_stood, still_level, utc_text
 from rig.pan_tilt import HeadState
 from rig.pictures import seen_at, take_pictures
-from rig.progress import Reporter
+from rig.progress import Published, Reporter
 from rig.standing import Standing, measure_standing
+from rig.telemetry import feed
 
 MOST_VIEWS = 5
 SEARCH_TILT_DEG = 15.0
@@ -76,20 +78,29 @@ def capture(
     Raises ``DeviceError``, ``GoalError`` or ``ConfigError`` as the parts do, ``BundleWriteError`` where the
     bundle cannot be written, ``CaptureError`` where no frame shows a skyline.
     """
+    report = Published(report)
     require_writable(out_dir)
     clock.begin_session()
     report.doing("connecting")
-    with collecting() as faults:
-        with connect(config, spare=spare) as rig:
-            measurement = (
-                measure_and_park(rig, directions, report) if park else measure(rig, directions, report)
-            )
-        step_s = clock.step_s()
-        if abs(step_s) > CLOCK_STEP_S:
-            note_fault("wall clock", f"stepped by {step_s:+.1f} s", "times are by the clock at the beginning")
-    report.doing("writing the bundle")
-    raw = {**measurement.raw, **(remarks or {}), "faults": faults.as_json()}
-    return write_bundle(out_dir, replace(measurement, raw=raw))
+    try:
+        with collecting() as faults:
+            with connect(config, spare=spare) as rig:
+                measurement = (
+                    measure_and_park(rig, directions, report) if park else measure(rig, directions, report)
+                )
+            step_s = clock.step_s()
+            if abs(step_s) > CLOCK_STEP_S:
+                note_fault(
+                    "wall clock", f"stepped by {step_s:+.1f} s", "times are by the clock at the beginning"
+                )
+        report.doing("writing the bundle")
+        raw = {**measurement.raw, **(remarks or {}), "faults": faults.as_json()}
+        bundle_dir = write_bundle(out_dir, replace(measurement, raw=raw))
+    except SkyfixError as error:
+        feed.publish(feed.Step("error", "capture", str(error)))
+        raise
+    feed.publish(bundle_dir)
+    return bundle_dir
 
 
 def measure_and_park(rig: Rig, directions: Sequence[Direction], report: Reporter) -> Measurement:
@@ -130,12 +141,16 @@ def measure(rig: Rig, directions: Sequence[Direction], report: Reporter) -> Meas
     standing = measure_standing(rig)
     altitude = reading.result()
     loading.result()
+    feed.publish(standing)
+    if altitude:
+        feed.publish(altitude)
     report.done(_standing_line(standing, altitude))
     head = Head.from_config(rig.config)
     frames = {}
     for direction in in_passing(directions, standing.attitude, head, rig.pan_tilt.state().pan_deg):
         report.doing(f"looking {direction.label}")
         view = look(rig, direction, standing, head, seen)
+        feed.publish(view)
         report.done(_view_line(direction, view))
         frames[direction.label] = _frame_record(rig.config, direction, standing, view)
     if not any(frame.raw["skyline"]["share"] for frame in frames.values()):

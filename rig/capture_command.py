@@ -2,13 +2,15 @@
 
 import json
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from rig.cli_options import config_option
+from rig.clock import wall_clock
 from rig.config import RigConfig, config_path, load_config
 from rig.directions import Direction, parse_directions
 from rig.signals import stopping_cleanly
@@ -58,6 +60,13 @@ if TYPE_CHECKING:
     metavar="SECONDS",
     help="From the beginning of one bundle of a series to the next.",
 )
+@click.option(
+    "--telemetry",
+    "telemetry_file",
+    metavar="FILE",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Record readings, states and small pictures for Foxglove (.mcap); by default into [rig] telemetry_dir, if any.",
+)
 @click.option("--fresh", is_flag=True, help="Begin another series although one like it is unfinished.")
 @click.option(
     "--json", "as_json", is_flag=True, help="Print JSON: an object, or a line for each bundle of a series."
@@ -70,6 +79,7 @@ def capture(
     dem_paths: tuple[Path, ...],
     repeat: int,
     every_s: float,
+    telemetry_file: Path | None,
     fresh: bool,
     as_json: bool,
 ) -> int:
@@ -88,6 +98,7 @@ def capture(
       rig capture --config vehicle.toml
       rig capture --directions N,E,S,W --locate --dem terrain.tif
       rig capture --repeat 48 --every 1800
+      rig capture --telemetry session.mcap
     """
     if repeat > 1 and locate:
         raise click.UsageError("--repeat takes bundles only; locate them afterwards.")
@@ -99,10 +110,26 @@ def capture(
     config = load_config(config_path(config_file))
     directions = directions or config.capture.parsed_directions()
     out_dir = out_dir or config.rig.bundle_dir
-    if repeat > 1:
-        return _take_series(config, directions, out_dir, repeat, every_s, fresh, as_json)
     dem = _load_dem(dem_paths) if locate else None
-    return _take_one(config, directions, out_dir, dem, as_json)
+    with _telemetry(config, telemetry_file):
+        if repeat > 1:
+            return _take_series(config, directions, out_dir, repeat, every_s, fresh, as_json)
+        return _take_one(config, directions, out_dir, dem, as_json)
+
+
+@contextmanager
+def _telemetry(config: RigConfig, file: Path | None) -> Iterator[None]:
+    """Record into the file, else into one named by the time where the configuration says so."""
+    if file is None and config.rig.telemetry_dir is not None:
+        file = config.rig.telemetry_dir / f"{wall_clock():%Y%m%dT%H%M%SZ}.mcap"
+    if file is None:
+        yield
+        return
+    from rig.telemetry.writer import recording
+
+    with recording(file, config) as path:
+        click.echo(f"telemetry: {path}", err=True)
+        yield
 
 
 def _take_one(

@@ -26,6 +26,7 @@ from rig.move_command import move
 from rig.record_command import record
 from rig.service.commands import service
 from rig.signals import stopping_cleanly
+from rig.telemetry.command import telemetry
 from rig.watch.command import watch
 
 
@@ -53,6 +54,7 @@ rig.add_command(move)
 for daemon_command in (daemon.run, daemon.trigger, daemon.status):
     rig.add_command(daemon_command)
 rig.add_command(watch)
+rig.add_command(telemetry)
 rig.add_command(service)
 
 

@@ -86,6 +86,14 @@ class RigSection(Section):
     name: Annotated[str, Field(min_length=1)]
     mast_height_m: Annotated[float, Field(gt=0.0, le=100.0)]
     bundle_dir: Path = Field(default=Path("bundles"), strict=False)
+    telemetry_dir: OptionalPath = None
+
+    def beside(self, folder: Path) -> "RigSection":
+        """The same with relative paths taken from ``folder``."""
+        telemetry_dir = folder / self.telemetry_dir if self.telemetry_dir else None
+        return self.model_copy(
+            update={"bundle_dir": folder / self.bundle_dir, "telemetry_dir": telemetry_dir}
+        )
 
 
 class Place(Section):
@@ -406,7 +414,7 @@ def load_config(path: Path) -> RigConfig:
         raise ConfigError(
             f"{path}: {joined([wrong_value(each, tables) for each in error.errors()])}"
         ) from error
-    rig = config.rig.model_copy(update={"bundle_dir": path.parent / config.rig.bundle_dir})
+    rig = config.rig.beside(path.parent)
     run = config.run.beside(path.parent) if config.run else None
     config = config.model_copy(update={"rig": rig, "run": run})
     files = [

@@ -83,7 +83,7 @@ def configured_calibration(config: RigConfig) -> dict[str, Any]:
             "capture": True,
             "calibration": True,
             "run": True,
-            "rig": {"bundle_dir"},
+            "rig": {"bundle_dir", "telemetry_dir"},
             "camera": {"source"},
         },
     )

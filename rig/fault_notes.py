@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from rig.readings import Instant
+from rig.telemetry import feed
 
 _log = logging.getLogger(__name__)
 
@@ -70,6 +71,7 @@ _collectors: list[FaultNotes] = []
 def note_fault(device: str, problem: str, action: str) -> None:
     """A fault that does not end the command: which device, what happened, what was done about it."""
     _log.info("%s: %s; %s", device, problem, action)
+    feed.publish(feed.Step("warning", device, f"{problem}; {action}"))
     for notes in list(_collectors):
         notes.add(device, problem, action)
 

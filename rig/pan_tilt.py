@@ -23,6 +23,7 @@ from rig.dynamixel.servo_bus import RefusedError, ServoBus
 from rig.errors import DeviceError, GoalError, RigError, TransientError
 from rig.fault_notes import note_fault
 from rig.keep_out import Zone, route
+from rig.telemetry import feed
 
 _log = logging.getLogger(__name__)
 
@@ -289,7 +290,7 @@ class PanTilt:
         """Angles and health, from one sync read. Raises ``DeviceError`` naming a silent servo."""
         states = retry(partial(read_states, self._bus, self._servos))
         pan, tilt = states
-        return HeadState(
+        state = HeadState(
             pan_deg=self._axes[0].angle_deg(pan.position_tick),
             tilt_deg=self._axes[1].angle_deg(tilt.position_tick),
             moving=pan.moving or tilt.moving,
@@ -299,6 +300,8 @@ class PanTilt:
             alerts=self._alerts(states),
             monotonic_s=pan.monotonic_s,
         )
+        feed.publish(state)
+        return state
 
     def _alerts(self, states: list[ServoState]) -> tuple[str, ...]:
         alerts = []

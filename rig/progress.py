@@ -7,6 +7,8 @@ from typing import Protocol
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
+from rig.telemetry import feed
+
 
 class Reporter(Protocol):
     """Takes what is going on (``doing``) and what has been done (``done``), each a short sentence."""
@@ -18,6 +20,23 @@ class Reporter(Protocol):
     def done(self, what: str) -> None:
         """A step that is finished; stays visible."""
         ...
+
+
+class Published:
+    """A reporter that also tells the telemetry."""
+
+    def __init__(self, report: Reporter) -> None:
+        self._report = report
+
+    def doing(self, what: str) -> None:
+        """Pass on."""
+        feed.publish(feed.Step("info", "capture", what))
+        self._report.doing(what)
+
+    def done(self, what: str) -> None:
+        """Pass on."""
+        feed.publish(feed.Step("info", "capture", what))
+        self._report.done(what)
 
 
 class _Lines:

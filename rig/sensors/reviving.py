@@ -6,6 +6,7 @@ from typing import Generic, Protocol, TypeVar
 
 from rig.bus.retry import retry
 from rig.errors import DeviceError, LostPortError, RigError, TransientError, WrongDeviceError
+from rig.telemetry import feed
 
 Reading_co = TypeVar("Reading_co", covariant=True)
 
@@ -52,10 +53,13 @@ class Reviving(Generic[Reading_co]):
         if self._sensor is None:
             self._sensor = self._reconnected()
         try:
-            return self._sensor.read_many(duration_s)
+            readings = self._sensor.read_many(duration_s)
         except TransientError:
             self.close()
             raise
+        for reading in readings:
+            feed.publish(reading)
+        return readings
 
     def _reconnected(self) -> Sensor[Reading_co]:
         try:

@@ -23,6 +23,7 @@ from rig.kinematics import (
     pan_stage_rotation,
 )
 from rig.readings import AccelerationReading, FieldReading, PressureReading
+from rig.sensors.reviving import Reviving
 
 WIDTH_PX, HEIGHT_PX, FOCAL_PX = 160, 120, 124.0
 DECLINATION_DEG = 13.0
@@ -185,7 +186,7 @@ def running_rig(monkeypatch: pytest.MonkeyPatch, rig: FakeRig) -> Iterator[Runni
     names = "open_inclinometer", "open_compass", "open_altimeter"
     for module in ("rig.connect", "rig.check", "rig.watch.sources"):
         for name, sensor in zip(names, sensors, strict=True):
-            monkeypatch.setattr(f"{module}.{name}", lambda section, sensor=sensor: sensor)
+            monkeypatch.setattr(f"{module}.{name}", lambda section, s=sensor: Reviving(lambda: s))
     monkeypatch.setattr("rig.pan_tilt._STILL_S", 0.05)  # these servos do not swing
     with FakeServoBus(rig.pan, rig.tilt) as servos, mjpeg_server(rig.picture, rate_hz=40.0) as camera:
         yield RunningRig(rig, servos, camera, sensors)

@@ -1,0 +1,155 @@
+"""The MCAP file: written in small pieces that a power cut leaves readable, by a thread of its own that holds nobody up.
+
+A disk that refuses ends the telemetry, not the session.
+"""
+
+import contextlib
+import json
+import os
+import queue
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO
+
+from mcap.writer import Writer
+
+from rig.camera import TimedFrame
+from rig.config import RigConfig
+from rig.errors import RigError
+from rig.telemetry import feed
+from rig.telemetry.messages import Message, messages_of, opening, time_ns
+
+CHUNK_BYTES = 32_768  # about a second: what a power cut takes
+FRAME_EVERY_S = 0.5
+SYNC_EVERY_S = 2.0
+WAITING = 4000
+END_S = 10.0
+
+
+class TelemetryError(RigError):
+    """The file cannot be made."""
+
+
+@contextmanager
+def recording(path: Path, config: RigConfig) -> Iterator[Path]:
+    """Record what the session publishes into ``path`` while the context lasts; a name that is taken gets a number.
+
+    Yields the file's name. Raises ``TelemetryError`` where it cannot be made.
+    """
+    path, file = _new_file(path)
+    recorder = _Recorder(file, path, config)
+    feed.listen(recorder.take)
+    try:
+        yield path
+    finally:
+        feed.ignore(recorder.take)
+        recorder.end()
+
+
+class _Recorder:
+    """Takes from any thread; its own thread converts and writes."""
+
+    def __init__(self, file: IO[bytes], path: Path, config: RigConfig) -> None:
+        self._file, self._path = file, path
+        self._waiting: queue.Queue[object] = queue.Queue(WAITING)
+        self._end, self._failed = threading.Event(), False
+        self._lost = 0
+        self._last_frame_s = -FRAME_EVERY_S
+        self._opening = opening(config)
+        self._rig = config.rig.name
+        self._thread = threading.Thread(target=self._run, name="telemetry", daemon=True)
+        self._thread.start()
+
+    def take(self, item: object) -> None:
+        """Queue an item. Of frames two a second: each is large, and they are there to look at."""
+        if self._failed:
+            return
+        if isinstance(item, TimedFrame):
+            if item.arrived.monotonic_s - self._last_frame_s < FRAME_EVERY_S:
+                return
+            self._last_frame_s = item.arrived.monotonic_s
+        try:
+            self._waiting.put_nowait(item)
+        except queue.Full:
+            self._lost += 1
+
+    def end(self) -> None:
+        """Write what waits, and finish the file."""
+        self._end.set()
+        self._thread.join(END_S)
+        if self._lost:
+            _say(f"{self._path}: {self._lost} messages lost: the disk is too slow")
+
+    def _run(self) -> None:
+        try:
+            with self._file:
+                self._write()
+        except OSError as error:
+            self._failed = True
+            _say(f"{self._path}: cannot be written: {error.strerror}; the session goes on without telemetry")
+
+    def _write(self) -> None:
+        writer = Writer(self._file, chunk_size=CHUNK_BYTES)
+        writer.start(profile="", library="skyfix")
+        writer.add_metadata("skyfix", {"rig": self._rig})
+        channels: dict[str, int] = {}
+        counts: dict[str, int] = {}
+
+        def write(message: Message) -> None:
+            if message.topic not in channels:
+                schema = writer.register_schema(
+                    message.schema["title"], "jsonschema", json.dumps(message.schema).encode()
+                )
+                channels[message.topic] = writer.register_channel(message.topic, "json", schema)
+            at_ns = time_ns(message.monotonic_s)
+            stamp = {"sec": at_ns // 1_000_000_000, "nsec": at_ns % 1_000_000_000}
+            counts[message.topic] = counts.get(message.topic, 0) + 1
+            writer.add_message(
+                channels[message.topic],
+                log_time=at_ns,
+                data=json.dumps({"timestamp": stamp, **message.fields}).encode(),
+                publish_time=at_ns,
+                sequence=counts[message.topic],
+            )
+
+        for message in self._opening:
+            write(message)
+        synced_s = time.monotonic()
+        while not (self._end.is_set() and self._waiting.empty()):
+            with contextlib.suppress(queue.Empty):
+                for message in messages_of(self._waiting.get(timeout=0.1)):
+                    write(message)
+            if time.monotonic() - synced_s > SYNC_EVERY_S:
+                synced_s = time.monotonic()
+                self._sync()
+        writer.finish()
+        self._sync()
+
+    def _sync(self) -> None:
+        self._file.flush()
+        os.fsync(self._file.fileno())
+
+
+def _new_file(path: Path) -> tuple[Path, IO[bytes]]:
+    for number in range(1, 10_000):
+        name = path if number == 1 else path.with_name(f"{path.stem}-{number}{path.suffix}")
+        try:
+            name.parent.mkdir(parents=True, exist_ok=True)
+            return name, name.open("xb")
+        except FileExistsError:
+            if name.parent.is_dir():
+                continue
+            raise TelemetryError(f"{path}: {name.parent} is no folder; choose another name") from None
+        except OSError as error:
+            raise TelemetryError(
+                f"{path}: cannot be written: {error.strerror}; choose another name"
+            ) from error
+    raise TelemetryError(f"{path}: is taken, and so are 9999 more names; clear up")
+
+
+def _say(text: str) -> None:
+    print(f"rig: {text}", file=sys.stderr)
