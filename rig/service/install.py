@@ -1,6 +1,7 @@
 """Put the service's files in place, take them away again, say how they are."""
 
 import os
+import shutil
 import subprocess
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -27,18 +28,14 @@ _WOULD: dict[State, str] = {
     "changed by hand": "would be replaced, with what somebody has changed in it",
 }
 
-# What makes the machine take notice of the files, where the tool is there.
-_ACCOUNT = ("systemd-sysusers", "skyfix.conf")
-_FOLDERS = ("systemd-tmpfiles", "--create", "skyfix.conf")
-_RULES = ("udevadm", "control", "--reload")
-_DEVICES = (
-    "udevadm",
-    "trigger",
-    "--subsystem-match=tty",
-    "--subsystem-match=i2c-dev",
-    "--subsystem-match=video4linux",
-)
-_UNITS = ("systemctl", "daemon-reload")
+# What makes the machine take notice of the files, and a path that says whether what is to do so runs here.
+_ACCOUNT = "/", ("systemd-sysusers", "skyfix.conf")
+_FOLDERS = "/", ("systemd-tmpfiles", "--create", "skyfix.conf")
+_RULES = "/run/udev/control", ("udevadm", "control", "--reload")
+_SUBSYSTEMS = [f"--subsystem-match={name}" for name in ("tty", "i2c-dev", "video4linux")]
+_DEVICES = "/run/udev/control", ("udevadm", "trigger", *_SUBSYSTEMS)
+_UNITS = "/run/systemd/system", ("systemctl", "daemon-reload")
+_STOP = "/run/systemd/system", ("systemctl", "disable", "--now", "skyfix.service")
 
 
 def install(root: Path, *, dry_run: bool, force: bool, say: Say) -> None:
@@ -97,7 +94,7 @@ def uninstall(root: Path, *, dry_run: bool, say: Say) -> bool:
         _check_permission(ours, root)
     live = root == Path("/")
     if live and any(file.path.name == "skyfix.service" for file in ours):
-        _run([("systemctl", "disable", "--now", "skyfix.service")], dry_run, say)
+        _run([_STOP], dry_run, say)
     for file, state in states:
         path = file.at(root)
         if state == "changed by hand":
@@ -147,19 +144,19 @@ def _write(path: Path, content: bytes) -> None:
         ) from error
 
 
-def _run(commands: Sequence[tuple[str, ...]], dry_run: bool, say: Say) -> None:
-    for command in commands:
+def _run(steps: Sequence[tuple[str, tuple[str, ...]]], dry_run: bool, say: Say) -> None:
+    for needs, command in steps:
         line = " ".join(command)
+        if not Path(needs).exists() or shutil.which(command[0]) is None:
+            say(f"{line}: not run, for {command[0]} has nothing to talk to here")
+            continue
         if dry_run:
-            say(f"would run {line}")
+            say(f"{line}: would be run")
             continue
         try:
             done = subprocess.run(
                 command, capture_output=True, text=True, timeout=COMMAND_TIMEOUT_S, check=False
             )
-        except FileNotFoundError:
-            say(f"{line}: not run, there is no {command[0]} here")
-            continue
         except subprocess.TimeoutExpired as error:
             raise RigError(f"{line}: no end after {COMMAND_TIMEOUT_S:.0f} s; run it by hand") from error
         if done.returncode:
