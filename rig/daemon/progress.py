@@ -50,7 +50,8 @@ class Loops:
     def watched(self, name: str, longest_s: float) -> Iterator[None]:
         """Watch this thread's loop while the context lasts; ``longest_s`` from one beat to the next is in order.
 
-        A loop that ends with an error stays on the list as one that does not get on, until it is begun anew.
+        A loop that ends with an ``Exception`` stays on the list as one that does not get on, until it is begun anew; what else
+        ends one was asked for.
         """
         now = time.monotonic()
         loop = _Loop(longest_s, now + longest_s, now, threading.get_ident())
@@ -60,11 +61,13 @@ class Loops:
             self._loops[name] = loop
         try:
             yield
-        except BaseException as error:
+        except Exception as error:
             loop.failed = f"{type(error).__name__}: {error}"
             raise
-        with self._lock:
-            del self._loops[name]
+        finally:
+            with self._lock:
+                if loop.failed is None:
+                    del self._loops[name]
 
     def beat(self, name: str, within_s: float | None = None) -> None:
         """This loop gets on. ``within_s``: the next beat may take so long, once, for a step that takes its time."""
