@@ -150,6 +150,11 @@ def note_device(board: Board, name: str, problem: str | None, identity: str) -> 
             _log.info("device works", device=name, identity=identity)
 
 
+def all_tried(board: Board) -> bool:
+    """Whether every device has been asked once, and is known to work or not to."""
+    return all(d.state != "connecting" for d in board.snapshot().devices if d.name in ALL)
+
+
 def obstacle(board: Board) -> str | None:
     """Why no capture is possible: the needed devices that do not work."""
     missing = [d.name for d in board.snapshot().devices if d.name in NEEDED and d.state != "ok"]

@@ -15,7 +15,7 @@ from rig.config import RigConfig, load_config
 from rig.daemon.board import Board, Snapshot, TriggerSource
 from rig.daemon.captures import Captures
 from rig.daemon.config import RunSection
-from rig.daemon.device_watch import obstacle
+from rig.daemon.device_watch import all_tried, obstacle
 from rig.daemon.notify import Notifier
 from rig.daemon.odometry import Odometer
 from rig.daemon.search import Search
@@ -29,6 +29,7 @@ _log = structlog.get_logger(__name__)
 POLL_S = 0.25
 CLOCK_STEP_S = 1.0
 ODOMETER_EVERY_S = 5.0
+TRYING_S = 30.0
 
 Inbox = queue.SimpleQueue[TriggerSource | Literal["reload"] | BaseException]
 """What the other loops have for the main thread: a capture to take, a configuration to read, an error to end with."""
@@ -93,11 +94,21 @@ class MainLoop:
         self._odometer_due_s = 0.0
         self._status = ""
 
-    def run(self, beat: Callable[[], None]) -> Following:
-        """Take captures as they are asked for. Raises what another loop ended with."""
+    def run(self, beat: Callable[[], None], started: Callable[[], None]) -> Following:
+        """Take captures as they are asked for. Raises what another loop ended with.
+
+        ``started`` is called when all devices have been tried, so that whoever waits for the daemon may ask for a capture then;
+        one that keeps it waiting does so for ``TRYING_S`` at most.
+        """
+        self._board.set_activity("connecting")
+        connecting, tried_s = True, time.monotonic() + TRYING_S
         due_s = time.monotonic() if self._run.every_s else None
         while True:
             beat()
+            if connecting and (all_tried(self._board) or time.monotonic() > tried_s):
+                connecting = False
+                self._board.set_activity("idle")
+                started()
             self._between_captures()
             if due_s is not None and time.monotonic() >= due_s and obstacle(self._board) is None:
                 assert self._run.every_s

@@ -51,7 +51,8 @@ class Shared:
 def session(config: RigConfig, shared: Shared, started: Callable[[], None]) -> RigConfig:
     """Run with a configuration until another one is asked for, which is returned.
 
-    ``started`` is called when everything runs; a ``SkyfixError`` before that says what cannot. ``StopRequestedError`` ends it.
+    ``started`` is called when everything runs and every device has been tried; a ``SkyfixError`` before that says what cannot.
+    ``StopRequestedError`` ends it.
     """
     run, board = run_of(config, shared.path), shared.board
     with ExitStack() as stack:
@@ -87,12 +88,13 @@ def session(config: RigConfig, shared: Shared, started: Callable[[], None]) -> R
             run, shared.path, board, shared.notifier, triggers, captures, search, spool, odometer, inbox
         )
         with _running(loops, shared, stop, inbox), shared.loops.watched("captures", SLOW_BEAT_S):
-            board.set_activity("idle")
-            started()
             try:
-                following = main_loop.run(partial(shared.loops.beat, "captures"))
+                following = main_loop.run(partial(shared.loops.beat, "captures"), started)
             finally:
                 triggers.stop()
+                if shared.signals.stopping:
+                    board.set_activity("stopping")
+                    shared.notifier.stopping("ending on request")
         shared.worker = following.worker or search.hand_over()
         return following.config
 

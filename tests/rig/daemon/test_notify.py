@@ -4,56 +4,19 @@ import logging
 import os
 import re
 import secrets
-import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from fakes.manager import SOON_S, Manager
 
 from rig.daemon.board import Event, Subscription
 from rig.daemon.notify import Notifier, notifier_of
 from rig.daemon.progress import Loops, watchdog
 from rig.errors import RigError
 from rig.readings import Instant
-
-SOON_S = 30.0
-"""A wait that only a failing test lasts out."""
-
-
-class Manager:
-    """The service manager's end of the socket."""
-
-    def __init__(self, address: str) -> None:
-        self.address = address
-        self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        self.socket.bind("\0" + address[1:] if address.startswith("@") else address)
-
-    def heard(self, timeout_s: float = SOON_S) -> str:
-        """The next datagram."""
-        self.socket.settimeout(timeout_s)
-        return self.socket.recv(65536).decode()
-
-    def hears(self, datagram: str) -> None:
-        """Read on until this one."""
-        heard = []
-        deadline = time.monotonic() + SOON_S
-        while time.monotonic() < deadline:
-            heard.append(self.heard())
-            if heard[-1] == datagram:
-                return
-        raise AssertionError(f"{datagram!r} is not among {heard}")
-
-    def read_all(self) -> list[str]:
-        """What has arrived so far."""
-        found = []
-        self.socket.settimeout(0.0)
-        while True:
-            try:
-                found.append(self.socket.recv(65536).decode())
-            except BlockingIOError:
-                return found
 
 
 @pytest.fixture(params=["path", "abstract"])
