@@ -19,7 +19,7 @@ from rig.daemon.status import status_json
 from rig.errors import RigError
 
 LONGEST_REQUEST = 4096
-CLIENT_S = 2.0
+CLIENT_S = 1.0
 """Whoever connects has to say what he wants within this time."""
 LONGEST_PATH = 107  # sockaddr_un
 

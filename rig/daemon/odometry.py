@@ -207,6 +207,12 @@ class OdometryListener:
         self._odometer = odometer
         self._bad = 0
 
+    @property
+    def address(self) -> tuple[str, int]:
+        """Where it listens."""
+        host, port = self._socket.getsockname()[:2]
+        return host, port
+
     def close(self) -> None:
         """Give the port back."""
         self._socket.close()

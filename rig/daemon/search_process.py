@@ -19,6 +19,7 @@ from rig.bus.deadline import Deadline
 from rig.daemon.spool_index import leg_json
 from rig.errors import RigError
 
+WORKER = (sys.executable, "-X", "faulthandler", "-m", "rig.daemon.search_worker")
 STARTING_S = 1200.0
 """The very first start compiles the kernels; on a small computer that takes many minutes."""
 POLL_S = 0.1
@@ -56,14 +57,16 @@ class SearchProcess:
     Begins with ``wait_terrain``, then ``wait_ready``.
     """
 
-    def __init__(self, dem: Sequence[Path], memory_mb: int, time_s: float) -> None:
+    def __init__(
+        self, dem: Sequence[Path], memory_mb: int, time_s: float, command: Sequence[str] = WORKER
+    ) -> None:
         self.dem = tuple(dem)
         self._limits = memory_mb, time_s
         self.beat: Callable[[], None] = lambda: None
         self._terrain = self._ready = False
         self._rest = b""
         self._process = subprocess.Popen(
-            [sys.executable, "-X", "faulthandler", "-m", "rig.daemon.search_worker"],
+            command,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             bufsize=0,

@@ -1,0 +1,163 @@
+"""The way between captures, and how well it is known."""
+
+import math
+import socket
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from localizer.track.odometry import parse_leg
+from rig.daemon.config import OdometryInput
+from rig.daemon.odometry import Odometer, OdometryListener, Velocity, velocity_in
+from rig.errors import MessageError, RigError
+from rig.sensors.nmea import checksum, parse_sentence
+
+SECTION = OdometryInput(listen="127.0.0.1:0", speed_sigma_share=0.03, heading_sigma_deg=3.0)
+
+
+def sentence(body: str) -> bytes:
+    return b"$%s*%02X" % (body.encode(), checksum(body.encode()))
+
+
+def driven(odometer: Odometer, course_deg: float, speed_m_s: float, begin_s: float, seconds: float) -> float:
+    """Speeds twice a second; returns when it ends."""
+    for half_seconds in range(round(2 * seconds) + 1):
+        odometer.velocity(Velocity(speed_m_s, course_deg), begin_s + half_seconds / 2)
+    return begin_s + seconds
+
+
+class TestSentences:
+    @pytest.mark.parametrize(
+        ("body", "speed_m_s", "course_deg"),
+        [
+            ("IIVTG,90.0,T,77.0,M,10.0,N,18.52,K,A", 18.52 / 3.6, 90.0),
+            ("IIVTG,90.0,T,,M,10.0,N,,K", 10.0 * 1852 / 3600, 90.0),
+            ("GPRMC,060000.00,A,,,,,10.0,350.5,261126,,,A", 10.0 * 1852 / 3600, 350.5),
+            ("GPVTG,,T,,M,0.0,N,0.0,K,A", 0.0, 0.0),  # standing, there is no course
+        ],
+    )
+    def test_speed_and_course(self, body: str, speed_m_s: float, course_deg: float) -> None:
+        velocity = velocity_in(parse_sentence(sentence(body)))
+        assert velocity is not None
+        assert velocity.speed_m_s == pytest.approx(speed_m_s)
+        assert velocity.course_deg == course_deg
+
+    @pytest.mark.parametrize(
+        "body",
+        [
+            "IIVTG,90.0,T,77.0,M,10.0,N,18.52,K,N",
+            "GPRMC,060000.00,V,,,,,10.0,350.5,261126,,,N",
+            "IIVTG,,T,,M,10.0,N,18.52,K,A",
+            "HCHDG,90.0,,,,",
+        ],
+    )
+    def test_what_is_not_valid_or_says_nothing_counts_for_nothing(self, body: str) -> None:
+        assert velocity_in(parse_sentence(sentence(body))) is None
+
+    def test_what_no_vehicle_does_is_refused(self) -> None:
+        with pytest.raises(MessageError, match="IIVTG says 900"):
+            velocity_in(parse_sentence(sentence("IIVTG,90.0,T,,M,,N,3240.0,K,A")))
+
+
+class TestWay:
+    def test_nothing_heard_is_an_unknown_way(self) -> None:
+        assert Odometer(SECTION).movement(10.0) is None
+
+    def test_a_drive_adds_up_with_a_sigma_that_grows(self) -> None:
+        odometer = Odometer(SECTION)
+        end_s = driven(odometer, 90.0, 10.0, 100.0, 20.0)
+        leg = odometer.movement(end_s)
+        assert leg is not None
+        assert leg.step_m == pytest.approx([200.0, 0.0], abs=1e-9)
+        along_m, across_m = np.sqrt(np.diag(leg.covariance_m2))
+        assert 0.03 * 200.0 < along_m < 0.06 * 200.0
+        assert math.radians(3.0) * 200.0 < across_m < 2.0 * math.radians(3.0) * 200.0
+        farther = odometer.movement(driven(odometer, 90.0, 10.0, end_s, 20.0))
+        assert farther is not None
+        assert (np.diag(farther.covariance_m2) > np.diag(leg.covariance_m2)).all()
+
+    def test_a_round_trip_ends_where_it_began_but_not_exactly(self) -> None:
+        odometer = Odometer(SECTION)
+        end_s = driven(odometer, 0.0, 10.0, 0.0, 60.0)
+        leg = odometer.movement(driven(odometer, 180.0, 10.0, end_s + 0.001, 60.0))
+        assert leg is not None
+        assert np.hypot(*leg.step_m) < 1.0
+        assert np.sqrt(np.diag(leg.covariance_m2)).min() > 5.0
+
+    def test_a_silence_is_bridged_for_a_while_and_then_nothing_is_known(self) -> None:
+        odometer = Odometer(SECTION)
+        end_s = driven(odometer, 0.0, 0.0, 0.0, 5.0)
+        short = odometer.movement(end_s + 20.0)
+        assert short is not None
+        assert np.sqrt(np.diag(short.covariance_m2)).min() >= 20.0
+        assert odometer.movement(end_s + 20.0 + 61.0) is None
+
+    def test_legs_add_up(self) -> None:
+        odometer = Odometer(SECTION)
+        for _ in range(2):
+            odometer.leg(parse_leg('{"east_m": 10, "north_m": -5, "sigma_m": 3}'))
+        leg = odometer.movement(1.0)
+        assert leg is not None
+        assert leg.step_m.tolist() == [20.0, -10.0]
+        assert np.diag(leg.covariance_m2) == pytest.approx(18.0, abs=0.5)
+        odometer.leg(parse_leg('{"unknown": true}'))
+        assert odometer.movement(1.0) is None
+
+    def test_a_capture_begins_a_new_way_and_a_failed_one_does_not(self) -> None:
+        odometer = Odometer(SECTION)
+        end_s = driven(odometer, 90.0, 10.0, 0.0, 10.0)
+        assert odometer.begin(end_s) is not None
+        end_s = driven(odometer, 90.0, 10.0, end_s, 3.0)
+        since = odometer.movement(end_s)
+        assert since is not None
+        assert since.step_m[0] == pytest.approx(30.0)
+        odometer.take_back()
+        whole = odometer.movement(end_s)
+        assert whole is not None
+        assert whole.step_m[0] == pytest.approx(130.0)
+
+    def test_a_restart_goes_on_where_speeds_are_heard(self) -> None:
+        odometer = Odometer(SECTION)
+        now_s = time.monotonic()
+        driven(odometer, 90.0, 10.0, now_s, 10.0)
+        after = Odometer(SECTION, odometer.to_json())
+        after.velocity(Velocity(10.0, 90.0), now_s + 12.0)
+        leg = after.movement(now_s + 12.0)
+        assert leg is not None
+        assert leg.step_m[0] == pytest.approx(120.0)
+
+    def test_legs_are_not_trusted_over_a_restart(self) -> None:
+        odometer = Odometer(SECTION)
+        odometer.leg(parse_leg('{"east_m": 10, "north_m": -5, "sigma_m": 3}'))
+        assert Odometer(SECTION, odometer.to_json()).movement(1.0) is None
+
+
+def test_datagrams_of_several_lines_are_heard_and_nonsense_is_passed_over() -> None:
+    odometer, stop = Odometer(SECTION), threading.Event()
+    listener = OdometryListener(SECTION, odometer)
+    thread = threading.Thread(target=listener.run, args=(lambda: None, stop))
+    thread.start()
+    try:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+            for datagram in (
+                b"\xff\x00$GPVTG,no*00\r\n",
+                b'{"east_m": "far"}',
+                b'{"east_m": 4, "north_m": 0, "sigma_m": 1}\n\n{"east_m": 3, "north_m": 0, "sigma_m": 1}\r\n',
+            ):
+                out.sendto(datagram, listener.address)
+        deadline_s = time.monotonic() + 60.0
+        while time.monotonic() < deadline_s:
+            leg = odometer.movement(0.0)
+            if leg is not None and leg.step_m[0] == 7.0:
+                break
+            time.sleep(0.01)
+        else:
+            pytest.fail(f"heard {leg}")
+        with pytest.raises(RigError, match=r"\[run.odometry\] listen: cannot listen on 127.0.0.1"):
+            OdometryListener(OdometryInput(listen=f"127.0.0.1:{listener.address[1]}"), odometer)
+    finally:
+        stop.set()
+        thread.join()
+        listener.close()

@@ -1,0 +1,195 @@
+"""Who asks for a capture and what he is told; rest and movement; devices that come and go."""
+
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import SimpleNamespace
+
+import pytest
+
+from rig.daemon.board import Board
+from rig.daemon.config import RestTrigger, RunSection
+from rig.daemon.device_watch import DeviceWatch, Hardware, next_wait_s, obstacle
+from rig.daemon.rest import RestDetector, noise_mg
+from rig.daemon.triggers import Triggers
+from rig.errors import DeviceError
+from rig.readings import AccelerationReading, Instant
+from rig.watch.sources import Reading, Source
+
+
+class TestTriggers:
+    def test_one_is_carried_out_and_every_other_is_answered_and_counted(self) -> None:
+        board, started = Board(), []
+        triggers = Triggers(board, lambda: None, started.append)
+        assert [triggers.trigger("http"), triggers.trigger("rest"), triggers.trigger("command")] == [
+            "started",
+            "busy",
+            "busy",
+        ]
+        assert started == ["http"]
+        triggers.done()
+        assert triggers.trigger("signal") == "started"
+        triggers.stop()
+        assert triggers.trigger("command") == "stopping"
+        counts = board.snapshot().counts
+        assert counts["triggers"] == 5
+        assert counts["triggers started"] + counts["triggers busy"] + counts["triggers stopping"] == 5
+
+    def test_without_the_devices_it_is_not_ready_and_the_event_says_why(self) -> None:
+        board = Board()
+        triggers = Triggers(board, lambda: "camera not ready", lambda source: pytest.fail("started"))
+        with board.subscribed() as events:
+            assert triggers.trigger("http") == "not ready"
+            event = events.get(1.0)
+        assert event is not None
+        assert event.data == {"source": "http", "answer": "not ready", "why": "camera not ready"}
+
+    def test_of_many_at_once_one_is_started(self) -> None:
+        answers, board = [], Board()
+        triggers = Triggers(board, lambda: None, lambda source: None)
+        threads = [
+            threading.Thread(target=lambda: answers.append(triggers.trigger("http"))) for _ in range(20)
+        ]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert sorted(answers) == ["busy"] * 19 + ["started"]
+
+
+class TestRest:
+    SECTION = RestTrigger(still_s=10.0, still_mg=5.0)
+
+    def drive(self, detector: RestDetector, noises_mg: dict[range, float]) -> list[int]:
+        """Seconds at which it came to rest; whoever is told takes a capture."""
+        rests = []
+        for seconds, level_mg in noises_mg.items():
+            for second in seconds:
+                if detector.take(level_mg, float(second)):
+                    rests.append(second)
+                    detector.captured()
+        return rests
+
+    def test_a_stop_is_told_once_when_it_has_lasted(self) -> None:
+        detector = RestDetector(self.SECTION)
+        noises = {range(5): 40.0, range(5, 60): 0.5, range(60, 80): 40.0, range(80, 99): 0.5}
+        assert self.drive(detector, noises) == [15, 90]
+
+    def test_a_short_halt_is_no_rest(self) -> None:
+        noises = {range(5): 40.0, range(5, 14): 0.5, range(14, 16): 30.0, range(16, 25): 0.5}
+        assert self.drive(RestDetector(self.SECTION), noises) == []
+
+    def test_who_stands_at_the_beginning_has_come_to_rest(self) -> None:
+        assert self.drive(RestDetector(self.SECTION), {range(30): 0.5}) == [10]
+
+    def test_stillness_does_not_count_while_nobody_watches(self) -> None:
+        detector = RestDetector(self.SECTION)
+        assert not detector.take(0.5, 0.0)
+        detector.interrupted()
+        assert not detector.take(0.5, 30.0)
+        assert detector.take(0.5, 40.0)
+
+    def test_the_noise_is_that_of_all_axes_of_two_axis_chips_too(self) -> None:
+        now = Instant.now()
+
+        def readings(z: bool) -> list[AccelerationReading]:
+            return [
+                AccelerationReading(x, 0.0, 1.0 + x if z else None, 20.0, now.monotonic_s, now.utc)
+                for x in (-0.01, 0.01)
+            ]
+
+        assert noise_mg(readings(z=False)) == pytest.approx(10.0)
+        assert noise_mg(readings(z=True)) == pytest.approx(10.0 * 2**0.5)
+
+
+class FakeDevices:
+    """Ways to open devices; those in ``broken`` fail."""
+
+    def __init__(self, *names: str) -> None:
+        self.broken: set[str] = set()
+        self.opened: list[str] = []
+        self.warnings: dict[str, tuple[str, ...]] = {}
+        self.openers = {name: self._opener(name) for name in names}
+
+    def _opener(self, name: str):  # type: ignore[no-untyped-def]
+        @contextmanager
+        def opened() -> Iterator[Source]:
+            self.opened.append(name)
+            if name in self.broken:
+                raise DeviceError(name, "does not answer", "check its cable")
+            reading = Reading({}, time.monotonic(), self.warnings.get(name, ()))
+            yield Source(f"{name} X1", lambda: reading)
+
+        return opened
+
+
+class Watched:
+    """A device watch that runs."""
+
+    def __init__(self, devices: FakeDevices) -> None:
+        self.board, self.hardware, self.devices = Board(), Hardware(), devices
+        run = RunSection.model_validate(
+            {"dem": ["x.tif"], "retry_least_s": 0.01, "retry_most_s": 0.05, "check_every_s": 0.05}
+        )
+        self.watch = DeviceWatch(
+            SimpleNamespace(run=run),  # type: ignore[arg-type]
+            self.board,
+            self.hardware,
+            openers=devices.openers,
+        )
+
+    def until(self, **states: str) -> None:
+        deadline_s = time.monotonic() + 60.0
+        while time.monotonic() < deadline_s:
+            now = {device.name: device.state for device in self.board.snapshot().devices}
+            if all(now[name] == state for name, state in states.items()):
+                return
+            time.sleep(0.01)
+        pytest.fail(f"never {states}: {self.board.snapshot().devices}")
+
+
+@pytest.fixture
+def watched() -> Iterator[Watched]:
+    watched, stop = Watched(FakeDevices("head", "inclinometer", "compass", "camera")), threading.Event()
+    thread = threading.Thread(target=watched.watch.run, args=(lambda: None, stop))
+    watched.devices.broken = {"camera", "compass"}
+    thread.start()
+    yield watched
+    stop.set()
+    thread.join()
+
+
+class TestDevices:
+    def test_one_that_comes_is_found_and_one_that_goes_is_missed(self, watched: Watched) -> None:
+        watched.until(head="ok", camera="failing", compass="failing", altimeter="absent")
+        assert obstacle(watched.board) == "camera not ready"
+        assert watched.board.snapshot().degraded
+        watched.devices.broken = {"compass"}
+        watched.until(camera="ok")
+        assert obstacle(watched.board) is None  # without a compass it goes on
+        watched.devices.broken = {"compass", "head"}
+        watched.until(head="failing")
+        assert obstacle(watched.board) == "head not ready"
+
+    def test_a_servo_with_a_hardware_error_is_not_ready(self, watched: Watched) -> None:
+        watched.devices.warnings["head"] = ("pan servo: overload",)
+        watched.until(head="failing")
+        (head,) = (device for device in watched.board.snapshot().devices if device.name == "head")
+        assert head.detail == "pan servo: overload"
+
+    def test_nothing_is_opened_while_a_capture_has_the_devices(self, watched: Watched) -> None:
+        watched.until(head="ok")
+        with watched.hardware.all():
+            watched.devices.opened.clear()
+            watched.watch.soon()
+            time.sleep(0.6)
+            assert watched.devices.opened == []
+
+
+def test_waits_double_up_to_the_longest() -> None:
+    waits, wait_s = [], 0.0
+    for _ in range(8):
+        wait_s = next_wait_s(wait_s, 1.0, 60.0)
+        waits.append(wait_s)
+    assert waits == [1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 60.0, 60.0]
