@@ -106,7 +106,7 @@ class TcpBroadcast:
         except BlockingIOError:
             return
         except OSError as error:
-            self._drop(client, error.strerror)
+            self._broken(client, error)
 
     def _write(self, client: socket.socket) -> None:
         waiting = self._waiting[client]
@@ -115,10 +115,14 @@ class TcpBroadcast:
         except BlockingIOError:
             pass
         except OSError as error:
-            self._drop(client, None if error.errno in (errno.EPIPE, errno.ECONNRESET) else error.strerror)
+            self._broken(client, error)
             return
         events = selectors.EVENT_READ | (selectors.EVENT_WRITE if waiting else 0)
         self._selector.modify(client, events)
+
+    def _broken(self, client: socket.socket, error: OSError) -> None:
+        left = error.errno in (errno.EPIPE, errno.ECONNRESET)  # with sentences unread: no event
+        self._drop(client, None if left else error.strerror)
 
     def _drop(self, client: socket.socket, why: str | None) -> None:
         if why is not None:
