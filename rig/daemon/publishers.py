@@ -6,15 +6,28 @@ import structlog
 
 from rig.daemon.board import Actions, Board
 from rig.daemon.config import RunSection
+from rig.daemon.progress import Loops
 from rig.daemon.spool import Spool
 
 _log = structlog.get_logger(__name__)
 
 
-def publish(stack: ExitStack, run: RunSection, board: Board, actions: Actions, spool: Spool) -> None:
+def publish(
+    stack: ExitStack, run: RunSection, board: Board, actions: Actions, spool: Spool, loops: Loops
+) -> None:
     """Enter the publisher of each section that there is, to be left with ``stack``. ``RigError`` where one cannot begin."""
     if run.http:
         from rig.daemon.http import serving
 
         url = stack.enter_context(serving(run.http, board, actions, spool, run.dem))
         _log.info("HTTP", url=url)
+    if run.nmea:
+        from rig.daemon.nmea import publishing as publishing_nmea
+
+        nmea = stack.enter_context(publishing_nmea(run.nmea, board, loops))
+        _log.info("NMEA", tcp=nmea.tcp and "{}:{}".format(*nmea.tcp), udp=list(run.nmea.udp))
+    if run.mavlink:
+        from rig.daemon.mavlink import publishing as publishing_mavlink
+
+        stack.enter_context(publishing_mavlink(run.mavlink, board, loops))
+        _log.info("MAVLink", connection=run.mavlink.connection)

@@ -82,7 +82,7 @@ def session(config: RigConfig, shared: Shared, started: Callable[[], None]) -> R
             listener = OdometryListener(run.odometry, odometer)
             stack.callback(listener.close)
             loops.append(("odometry", listener.run, USUAL_BEAT_S))
-        publish(stack, run, board, triggers, spool)
+        publish(stack, run, board, triggers, spool, shared.loops)
         captures = Captures(config, board, spool, shared.signals, hardware, watch, odometer)
         main_loop = MainLoop(
             run, shared.path, board, shared.notifier, triggers, captures, search, spool, odometer, inbox
