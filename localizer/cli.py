@@ -10,6 +10,7 @@ import click
 from localizer import command_line
 from localizer.bundle import frame_image, load_bundle
 from localizer.command_line import check_picture_path
+from localizer.completion import completion_command, folders
 from localizer.dem import load_dem
 from localizer.dem_info import dem_info, info_fields, info_text, suspect_zeros, zeros_note
 from localizer.dem_options import dem_options
@@ -31,7 +32,7 @@ def localizer() -> None:
 
 
 @localizer.command()
-@click.argument("bundle_path", metavar="BUNDLE", type=click.Path(path_type=Path))
+@click.argument("bundle_path", metavar="BUNDLE", type=click.Path(path_type=Path), shell_complete=folders)
 @click.option(
     "--dem",
     "dem_paths",
@@ -115,7 +116,14 @@ def locate(
 
 
 @localizer.command()
-@click.argument("bundle_paths", metavar="BUNDLE...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument(
+    "bundle_paths",
+    metavar="BUNDLE...",
+    nargs=-1,
+    required=True,
+    type=click.Path(path_type=Path),
+    shell_complete=folders,
+)
 @click.option(
     "--dem",
     "dem_paths",
@@ -191,6 +199,7 @@ def track(
 
 
 localizer.add_command(predict)
+localizer.add_command(completion_command("localizer"))
 
 
 @localizer.group()

@@ -21,7 +21,7 @@ def bundle() -> None:
 
 
 @bundle.command()
-@click.argument("directory", metavar="DIR", type=click.Path(path_type=Path))
+@click.argument("directory", metavar="DIR", type=click.Path(path_type=Path, file_okay=False))
 @config_option
 @click.option(
     "--calibration",

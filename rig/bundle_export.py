@@ -6,12 +6,20 @@ from pathlib import Path
 import click
 
 from localizer.bundle import BundleError
+from localizer.completion import folders as complete_folders
 from rig.bundle_archive import unpack_archive, write_archive
 from rig.bundle_look import json_option, loaded
 
 
 @click.command()
-@click.argument("folders", metavar="DIR...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument(
+    "folders",
+    metavar="DIR...",
+    nargs=-1,
+    required=True,
+    type=click.Path(path_type=Path),
+    shell_complete=complete_folders,
+)
 @click.option(
     "--out",
     "path",

@@ -10,6 +10,7 @@ from typing import Any
 import click
 
 from localizer.bundle import Bundle, BundleError, load_bundle
+from localizer.completion import folders as complete_folders
 from rig.bundle_archive import ArchiveError, bundles_of_archive, is_archive
 from rig.bundle_facts import TABLE_COLUMNS, bundles_in, facts, table_rows
 
@@ -32,7 +33,14 @@ def loaded(paths: tuple[Path, ...]) -> Iterator[tuple[Path, Bundle | BundleError
 
 
 @click.command("list")
-@click.argument("folders", metavar="DIR...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument(
+    "folders",
+    metavar="DIR...",
+    nargs=-1,
+    required=True,
+    type=click.Path(path_type=Path),
+    shell_complete=complete_folders,
+)
 @json_option
 @click.option(
     "--csv", "as_csv", is_flag=True, help="Print a row for each frame of the bundles that are whole."

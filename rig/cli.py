@@ -9,6 +9,7 @@ from typing import NoReturn
 import click
 
 from localizer import command_line
+from localizer.completion import completion_command
 from rig.bundle_commands import bundle
 from rig.calibrate.commands import (
     at_option,
@@ -55,6 +56,7 @@ for daemon_command in (daemon.run, daemon.trigger, daemon.status):
     rig.add_command(daemon_command)
 rig.add_command(watch)
 rig.add_command(telemetry)
+rig.add_command(completion_command("rig"))
 rig.add_command(service)
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NoReturn, ParamSpec, TypeVar
 import click
 
 from localizer import command_line
+from localizer.completion import completion_command
 from sim.command import find_command, run_command
 from sim.drive_command import drive
 from sim.errors import SimulationError
@@ -148,6 +149,7 @@ def run_(
     help="True azimuth to look at, degrees; may be repeated.",
 )
 @click.option("--tilt", "tilt_deg", type=click.FloatRange(-60.0, 60.0), default=4.0, show_default=True)
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object: the files and the truth.")
 @one_line_failures
 def render(
     dem_paths: tuple[Path, ...],
@@ -156,6 +158,7 @@ def render(
     folder: Path,
     azimuths_deg: tuple[float, ...],
     tilt_deg: float,
+    as_json: bool,
 ) -> None:
     """Draw what the camera sees in some directions, the whole view on one sheet, and the truth about it.
 
@@ -184,10 +187,10 @@ def render(
         path = folder / name
         if not cv2.imwrite(str(path), picture):
             raise SimulationError(f"{path}: cannot be written; choose another --out")
-        click.echo(path)
     truth_path = folder / "truth.json"
     truth_path.write_text(json.dumps(world.truth_json(), indent=2), encoding="utf-8")
-    click.echo(truth_path)
+    files = [*(str(folder / name) for name in pictures), str(truth_path)]
+    click.echo(json.dumps({"files": files, "truth": world.truth_json()}) if as_json else "\n".join(files))
 
 
 @sim.command()
@@ -201,8 +204,11 @@ def render(
     metavar="DIR",
     help="Where bundle, fix and picture go.",
 )
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object: the fix, the truth, the error.")
 @one_line_failures
-def demo(dem_paths: tuple[Path, ...], seed: int, scenario_path: Path | None, folder: Path) -> int:
+def demo(
+    dem_paths: tuple[Path, ...], seed: int, scenario_path: Path | None, folder: Path, as_json: bool
+) -> int:
     """Capture with a simulated rig somewhere on the terrain, and find out where that was.
 
     Ends with 0 where the answer is honest (a fix within what it claims, ambiguous, none) and 5 for a wrong fix.
@@ -213,7 +219,7 @@ def demo(dem_paths: tuple[Path, ...], seed: int, scenario_path: Path | None, fol
 
     from sim.demo import demo
 
-    return demo(world, _dems(dem_paths), folder)
+    return demo(world, _dems(dem_paths), folder, as_json)
 
 
 @sim.command()
@@ -242,6 +248,7 @@ def paper(dem_paths: tuple[Path, ...], seed: int, as_json: bool) -> None:
 
 
 sim.add_command(evaluate)
+sim.add_command(completion_command("sim"))
 sim.add_command(rigs)
 sim.add_command(replay)
 sim.add_command(drive)

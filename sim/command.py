@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import FrameType
+from typing import IO
 
 from sim.errors import SimulationError
 
@@ -33,13 +34,16 @@ def find_command(name: str) -> str:
 
 
 def run_command(
-    command: Sequence[str], environment: Mapping[str, str], started: Callable[[int], None] = lambda pid: None
+    command: Sequence[str],
+    environment: Mapping[str, str],
+    started: Callable[[int], None] = lambda pid: None,
+    stdout: IO[str] | None = None,
 ) -> int:
     """Run ``command`` with ``environment`` added to the present one, and wait for it.
 
     It gets a process group of its own, in the foreground of the terminal if there is one: Ctrl-C reaches it once,
     and what is sent to this process is passed on to it. Returns its exit status, 128 + n if signal n ended it.
-    ``started`` is told its process id.
+    ``started`` is told its process id; ``stdout`` takes the place of its standard output.
 
     Raises:
         SimulationError: the command cannot be started.
@@ -48,7 +52,9 @@ def run_command(
     environment = {**os.environ, **environment, "PATH": search_path()}
     with _kept_signals() as kept:
         try:
-            process = subprocess.Popen([executable, *command[1:]], env=environment, process_group=0)
+            process = subprocess.Popen(
+                [executable, *command[1:]], env=environment, process_group=0, stdout=stdout
+            )
         except OSError as error:
             raise SimulationError(f"command {command[0]!r} cannot be started: {error.strerror}") from error
         kept.hand_to(process.pid)

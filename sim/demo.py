@@ -42,7 +42,7 @@ class Outcome:
         return self.error_m > WRONG_BEYOND_M and self.error_sigmas > WRONG_BEYOND_SIGMAS
 
 
-def demo(world: World, dem_paths: Sequence[Path], out: Path) -> int:
+def demo(world: World, dem_paths: Sequence[Path], out: Path, as_json: bool = False) -> int:
     """Capture with ``rig`` and locate with ``localizer``, both as subprocesses; returns the exit status.
 
     Writes the bundle, ``fix.json``, ``fix.png`` and ``truth.json`` into ``out``. 0 where the answer is honest.
@@ -55,7 +55,9 @@ def demo(world: World, dem_paths: Sequence[Path], out: Path) -> int:
     before = set(bundles.iterdir())
     _say("A rig is put somewhere on the terrain (the very first time compiles for a minute). Capture:")
     with simulated_rig(world) as rig:
-        status = run_command(["rig", "capture", "--out", str(bundles)], rig.environment)
+        status = run_command(
+            ["rig", "capture", "--out", str(bundles)], rig.environment, stdout=sys.stderr if as_json else None
+        )
         if status:
             _say(f"rig capture ended with status {status}")
             return status
@@ -75,8 +77,11 @@ def demo(world: World, dem_paths: Sequence[Path], out: Path) -> int:
     (out / "fix.json").write_text(located.stdout, encoding="utf-8")
     (out / "truth.json").write_text(json.dumps(truth, indent=2), encoding="utf-8")
     outcome = judge(Fix.model_validate_json(located.stdout), truth)
-    print(summary(outcome, truth))
-    print(f"picture     {picture}")
+    if as_json:
+        print(json.dumps(_fields(outcome, truth, bundle, picture)))
+    else:
+        print(summary(outcome, truth))
+        print(f"picture     {picture}")
     return WRONG_FIX if outcome.wrong else 0
 
 
@@ -127,6 +132,18 @@ def summary(outcome: Outcome, truth: dict[str, Any]) -> str:
         f"search      {sum(times.values()):.2f} s ({parts}), kernels and terrain before it {preparing_s:.2f} s"
     )
     return "\n".join(lines)
+
+
+def _fields(outcome: Outcome, truth: dict[str, Any], bundle: Path, picture: Path) -> dict[str, Any]:
+    return {
+        "bundle": str(bundle),
+        "fix": json.loads(outcome.fix.to_json()),
+        "truth": truth,
+        "error_m": outcome.error_m,
+        "error_sigmas": outcome.error_sigmas,
+        "wrong": outcome.wrong,
+        "picture": str(picture),
+    }
 
 
 def _say(text: str) -> None:

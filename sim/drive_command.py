@@ -1,5 +1,6 @@
 """``sim drive``: the vehicle of a simulated rig that runs goes elsewhere, and its odometry says how."""
 
+import json
 import os
 import socket
 import time
@@ -38,8 +39,11 @@ _WGS84 = Geod(ellps="WGS84")
 @click.option(
     "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Of the odometry's errors."
 )
+@click.option("--json", "as_json", is_flag=True, help="Print the truth there as one JSON object.")
 @one_line_failures
-def drive(lat_deg: float, lon_deg: float, heading_deg: float | None, seconds: float, seed: int) -> None:
+def drive(
+    lat_deg: float, lon_deg: float, heading_deg: float | None, seconds: float, seed: int, as_json: bool
+) -> None:
     """Drive the simulated vehicle straight to LAT LON and have it stand there, level.
 
     To be run beside the rig, by a command of sim run. It shakes on the way, and says speed and course (VTG, with a few percent
@@ -59,6 +63,9 @@ def drive(lat_deg: float, lon_deg: float, heading_deg: float | None, seconds: fl
         Path(control),
         {"do": "stand", "lat_deg": lat_deg, "lon_deg": lon_deg, "heading_deg": heading % 360.0},
     )
+    if as_json:
+        click.echo(json.dumps(there))
+        return
     click.echo(f"{there['lat_deg']:.7f} {there['lon_deg']:.7f} {there['altitude_m']:.1f}")
 
 

@@ -1,6 +1,9 @@
 """The command ``sim rigs``: calibrate rigs fresh from the workshop, and say what is left in their bundles."""
 
+import json
+import math
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -32,13 +35,21 @@ OUTSIDE = 5
     metavar="FILE",
     help="Sizes of the errors; by default configs/scenarios/uncalibrated.toml.",
 )
-@click.option("--dem", "dem_paths", type=click.Path(path_type=Path), multiple=True, metavar="FILE")
+@click.option(
+    "--dem",
+    "dem_paths",
+    type=click.Path(path_type=Path),
+    multiple=True,
+    metavar="FILE",
+    help="Elevation raster; repeat it for files that adjoin. Default: the terrain that comes with skyfix.",
+)
 @click.option(
     "--csv", "csv_path", type=click.Path(path_type=Path), metavar="FILE", help="Write a row for each rig."
 )
 @click.option(
     "--keep", type=click.Path(path_type=Path), metavar="DIR", help="Keep calibrations, pictures and bundles."
 )
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of the table.")
 @one_line_failures
 def rigs(
     count: int,
@@ -48,6 +59,7 @@ def rigs(
     dem_paths: tuple[Path, ...],
     csv_path: Path | None,
     keep: Path | None,
+    as_json: bool,
 ) -> int:
     """Calibrate simulated rigs whose mounting errors are large and unknown, and judge the bundles that they then take.
 
@@ -66,10 +78,30 @@ def rigs(
         lambda result: click.echo(f"rig {result.seed}: {result.refused or 'calibrated'}", err=True),
         keep,
     )
-    print_table(results)
+    if as_json:
+        click.echo(to_json(results))
+    else:
+        print_table(results)
     if csv_path is not None:
         write_csv(results, csv_path)
     return 0 if all(result.within for result in results) else OUTSIDE
+
+
+def to_json(results: Sequence["RigResult"]) -> str:
+    """All rigs, and the limits that their errors are held against; null for what was not measured."""
+    from sim.rigs import LIMITS
+
+    rows = [
+        {
+            **{
+                name: None if isinstance(value, float) and math.isnan(value) else value
+                for name, value in asdict(result).items()
+            },
+            "within": result.within,
+        }
+        for result in results
+    ]
+    return json.dumps({"limits": LIMITS, "rigs": rows})
 
 
 def print_table(results: Sequence["RigResult"]) -> None:

@@ -1,5 +1,6 @@
 """``rig calibrate``: what a field crew does before the rig is worth its sensors."""
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,6 +19,7 @@ out_option = click.option(
     type=click.Path(path_type=Path, file_okay=False),
     help="Where the calibration goes; by default the folder calibration beside the configuration.",
 )
+json_option = click.option("--json", "as_json", is_flag=True, help="Print the result as one JSON object.")
 yes_option = click.option("--yes", is_flag=True, help="Ask nothing: all is ready, and the result is used.")
 
 at_option = click.option(
@@ -49,6 +51,7 @@ def calibrate() -> None:
 @config_option
 @out_option
 @yes_option
+@json_option
 @click.option(
     "--angles", type=click.IntRange(6, 36), default=8, show_default=True, help="Pan angles to read at."
 )
@@ -59,7 +62,12 @@ def calibrate() -> None:
     help="CSV of rig calibrate temperature-log: gives the drift of the zero with temperature.",
 )
 def inclinometer(
-    config_file: Path | None, out_dir: Path | None, yes: bool, angles: int, temperature_log: Path | None
+    config_file: Path | None,
+    out_dir: Path | None,
+    yes: bool,
+    as_json: bool,
+    angles: int,
+    temperature_log: Path | None,
 ) -> None:
     """Zero, scale and mounting of the inclinometer, by turning the head; the vehicle's slope comes with it.
 
@@ -68,7 +76,7 @@ def inclinometer(
     from rig.calibrate.inclinometer import calibrate_inclinometer
     from rig.calibrate.session import Session
 
-    session = Session.open(config_file, out_dir, yes)
+    session = Session.open(config_file, out_dir, yes, as_json)
     with stopping_cleanly():
         calibrate_inclinometer(session, angles, temperature_log)
 
@@ -79,7 +87,8 @@ def inclinometer(
     "--out", "path", metavar="FILE", type=click.Path(path_type=Path), required=True, help="CSV to add to."
 )
 @click.option("--minutes", type=click.FloatRange(0.0), default=60.0, show_default=True)
-def temperature_log_(config_file: Path | None, path: Path, minutes: float) -> None:
+@json_option
+def temperature_log_(config_file: Path | None, path: Path, minutes: float, as_json: bool) -> None:
     """Log the inclinometer of a head that does not move while the day warms or cools it.
 
     Example: rig calibrate temperature-log --out drift.csv --minutes 240
@@ -93,13 +102,14 @@ def temperature_log_(config_file: Path | None, path: Path, minutes: float) -> No
     section = load_config(config_path(config_file)).inclinometer
     with stopping_cleanly(), closing(open_inclinometer(section)) as chip:
         count = record_temperature_log(chip, section, path, 60.0 * minutes)
-    click.echo(f"{path}: {count} readings")
+    click.echo(json.dumps({"file": str(path), "readings": count}) if as_json else f"{path}: {count} readings")
 
 
 @calibrate.command()
 @config_option
 @out_option
 @yes_option
+@json_option
 @at_option
 @dem_option
 @click.option(
@@ -128,6 +138,7 @@ def altimeter(
     config_file: Path | None,
     out_dir: Path | None,
     yes: bool,
+    as_json: bool,
     at: str | None,
     dem_paths: tuple[Path, ...],
     altitude_m: float | None,
@@ -148,7 +159,7 @@ def altimeter(
     from rig.calibrate.altimeter import KnownAltitude, calibrate_altimeter
     from rig.calibrate.session import Session
 
-    session = Session.open(config_file, out_dir, yes)
+    session = Session.open(config_file, out_dir, yes, as_json)
     if at is not None:
         altitude_m = known_place_of(at, dem_paths).ground_m + session.config.rig.mast_height_m
     assert altitude_m is not None
@@ -172,6 +183,7 @@ def known_place_of(at: str, dem_paths: tuple[Path, ...]) -> "KnownPlace":
 @config_option
 @out_option
 @yes_option
+@json_option
 @click.option(
     "--headings",
     type=click.IntRange(1, 36),
@@ -182,7 +194,9 @@ def known_place_of(at: str, dem_paths: tuple[Path, ...]) -> "KnownPlace":
 @click.option(
     "--angles", type=click.IntRange(4, 36), default=6, show_default=True, help="Pan angles at each heading."
 )
-def compass(config_file: Path | None, out_dir: Path | None, yes: bool, headings: int, angles: int) -> None:
+def compass(
+    config_file: Path | None, out_dir: Path | None, yes: bool, as_json: bool, headings: int, angles: int
+) -> None:
     """Hard and soft iron of the pan stage, by turning the pan, and of the vehicle, by turning the vehicle.
 
     \b
@@ -196,7 +210,7 @@ def compass(config_file: Path | None, out_dir: Path | None, yes: bool, headings:
     from rig.calibrate.compass import calibrate_compass
     from rig.calibrate.session import Session
 
-    session = Session.open(config_file, out_dir, yes)
+    session = Session.open(config_file, out_dir, yes, as_json)
     with stopping_cleanly():
         calibrate_compass(session, headings, angles)
 
@@ -223,6 +237,7 @@ dem_sigma_option = click.option(
 @config_option
 @out_option
 @yes_option
+@json_option
 @at_option
 @dem_option
 @place_sigma_option
@@ -234,6 +249,7 @@ def boresight(
     config_file: Path | None,
     out_dir: Path | None,
     yes: bool,
+    as_json: bool,
     at: str | None,
     dem_paths: tuple[Path, ...],
     place_sigma_m: float,
@@ -253,7 +269,7 @@ def boresight(
     from rig.calibrate.boresight_fit import PlaceSigmas
     from rig.calibrate.session import Session
 
-    session = Session.open(config_file, out_dir, yes)
+    session = Session.open(config_file, out_dir, yes, as_json)
     place = known_place_of(at, dem_paths)
     with stopping_cleanly():
         sigmas = PlaceSigmas(place_sigma_m, dem_sigma_m, dem_sigma_m)
@@ -274,13 +290,20 @@ board_option = click.option(
 @config_option
 @out_option
 @yes_option
+@json_option
 @board_option
 @click.option(
     "--images", metavar="GLOB", help="Pictures of the board instead of the live camera; quote the pattern."
 )
 @click.option("--views", type=click.IntRange(10, 200), default=25, show_default=True, help="To take live.")
 def camera(
-    config_file: Path | None, out_dir: Path | None, yes: bool, board_text: str, images: str | None, views: int
+    config_file: Path | None,
+    out_dir: Path | None,
+    yes: bool,
+    as_json: bool,
+    board_text: str,
+    images: str | None,
+    views: int,
 ) -> None:
     """Intrinsics and distortion of the camera, from views of a board (see rig calibrate board).
 
@@ -297,7 +320,7 @@ def camera(
         board = parse_board(board_text)
     except ValueError as error:
         raise click.UsageError(f"--board: {error}.") from error
-    session = Session.open(config_file, out_dir, yes)
+    session = Session.open(config_file, out_dir, yes, as_json)
     with stopping_cleanly():
         calibrate_camera(session, board, images, views)
 
@@ -307,7 +330,8 @@ def camera(
 @click.option(
     "--out", "path", metavar="FILE", type=click.Path(path_type=Path), required=True, help="PNG to write."
 )
-def board_(board_text: str, path: Path) -> None:
+@json_option
+def board_(board_text: str, path: Path, as_json: bool) -> None:
     """Draw the board for the printer: 300 dots an inch, true size. Glue it to something flat and measure a square.
 
     Example: rig calibrate board --out board.png
@@ -319,4 +343,4 @@ def board_(board_text: str, path: Path) -> None:
     except ValueError as error:
         raise click.UsageError(f"--board: {error}.") from error
     print_board(board_text, path)
-    click.echo(path)
+    click.echo(json.dumps({"file": str(path), "board": board_text}) if as_json else path)

@@ -1,5 +1,6 @@
 """What every calibration begins and ends with: which file it goes to, its picture, and its place in the configuration."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,12 +29,13 @@ class Session:
     config_path: Path
     folder: Path
     guide: Guide
+    as_json: bool = False
 
     @classmethod
-    def open(cls, config_file: Path | None, out: Path | None, yes: bool) -> "Session":
+    def open(cls, config_file: Path | None, out: Path | None, yes: bool, as_json: bool = False) -> "Session":
         """From a command's options. ``ConfigError`` as the configuration deserves it."""
         path = config_path(config_file)
-        return cls(load_config(path), path, out or path.parent / FOLDER, TerminalGuide(yes))
+        return cls(load_config(path), path, out or path.parent / FOLDER, TerminalGuide(yes), as_json)
 
     def header(self, kind: Kind, device: str) -> dict[str, Any]:
         """The fields that all calibrations have."""
@@ -55,18 +57,23 @@ class Session:
 
         ``rows`` are name, value and sigma or remark. Prints the result and the file on standard output.
         """
-        table = Table("", "value", "sigma")
-        for row in rows:
-            table.add_row(*row)
-        console = Console()
-        (console if console.is_terminal else Console(width=PLAIN_WIDTH)).print(table)
+        if not self.as_json:
+            table = Table("", "value", "sigma")
+            for row in rows:
+                table.add_row(*row)
+            console = Console()
+            (console if console.is_terminal else Console(width=PLAIN_WIDTH)).print(table)
         path = write_calibration(document, self.folder)
         picture = path.with_suffix(".png")
         try:
             figure.savefig(picture)
         except OSError as error:
             raise CalibrationError(f"{picture}: cannot be written: {error.strerror}") from error
-        click.echo(path)
+        if self.as_json:
+            found = {"file": str(path), "picture": str(picture), **document.model_dump(mode="json")}
+            click.echo(json.dumps(found))
+        else:
+            click.echo(path)
         self.guide.say(f"picture: {picture}")
         question = f"Use it from now on, by naming it in {self.config_path}?"
         if self.guide.agrees(question):

@@ -1,5 +1,7 @@
 """The commands ``rig service``."""
 
+import json
+from dataclasses import asdict
 from pathlib import Path
 
 import click
@@ -55,13 +57,17 @@ def uninstall(root: Path, dry_run: bool) -> int:
 
 @service.command()
 @root_option
-def status(root: Path) -> int:
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+def status(root: Path, as_json: bool) -> int:
     """Say which files are in place, whether the service is enabled and active, and its last fix.
 
     Ends with status 1 where a file is not as it should be, or the service does not run.
 
     Example: rig service status
     """
-    from rig.service.status import status as look
+    from rig.service.status import service_status, status_text
 
-    return 0 if look(root.absolute(), say=click.echo) else 1
+    root = root.absolute()
+    found = service_status(root)
+    click.echo(json.dumps(asdict(found)) if as_json else status_text(root, found))
+    return 0 if found.good else 1

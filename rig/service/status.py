@@ -2,7 +2,7 @@
 
 import shutil
 import subprocess
-from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 from rig.errors import RigError
@@ -12,9 +12,18 @@ PROPERTIES = "LoadState", "UnitFileState", "ActiveState", "SubState", "StatusTex
 COMMAND_TIMEOUT_S = 30.0
 
 
-def status(root: Path, say: Callable[[str], None]) -> bool:
-    """Say it; whether all is as it should be. Raises ``RigError`` where it cannot be found out."""
-    good = True
+@dataclass(frozen=True)
+class ServiceStatus:
+    """States of the files by their places, and systemd's properties of the service; None where it was not asked."""
+
+    files: dict[str, str]
+    properties: dict[str, str] | None
+    good: bool
+
+
+def service_status(root: Path) -> ServiceStatus:
+    """Whether all is as it should be. Raises ``RigError`` where it cannot be found out."""
+    files: dict[str, str] = {}
     for file in service_files():
         try:
             state = file.state(root)
@@ -22,20 +31,29 @@ def status(root: Path, say: Callable[[str], None]) -> bool:
             raise RigError(
                 f"{file.at(root)}: cannot be read: {error.strerror}; run this as root (sudo)"
             ) from error
-        say(f"{file.at(root)}: {state}")
-        good = good and state == "installed"
+        files[str(file.at(root))] = state
+    good = all(state == "installed" for state in files.values())
     if root != Path("/"):
-        return good
+        return ServiceStatus(files, None, good)
     if shutil.which("systemctl") is None:
-        say("service: there is no systemctl here")
-        return False
+        return ServiceStatus(files, None, good=False)
     found = _properties()
-    say(
-        f"service: {found['UnitFileState'] or found['LoadState']}, {found['ActiveState']} ({found['SubState']}), "
-        f"{found['NRestarts']} restarts"
-    )
-    say(f"says: {found['StatusText'] or 'nothing'}")
-    return good and found["ActiveState"] == "active"
+    return ServiceStatus(files, found, good and found["ActiveState"] == "active")
+
+
+def status_text(root: Path, status: ServiceStatus) -> str:
+    """The same in lines."""
+    lines = [f"{place}: {state}" for place, state in status.files.items()]
+    found = status.properties
+    if found is not None:
+        lines.append(
+            f"service: {found['UnitFileState'] or found['LoadState']}, {found['ActiveState']} ({found['SubState']}), "
+            f"{found['NRestarts']} restarts"
+        )
+        lines.append(f"says: {found['StatusText'] or 'nothing'}")
+    elif root == Path("/"):
+        lines.append("service: there is no systemctl here")
+    return "\n".join(lines)
 
 
 def _properties() -> dict[str, str]:

@@ -59,6 +59,7 @@ from sim.failures import one_line_failures
     help="Instead of simulated cases: the photographs and rendered pictures in this data folder.",
 )
 @click.option("--fresh", is_flag=True, help="Begin anew where there is a table already.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of the tables.")
 @one_line_failures
 def evaluate(
     dems: tuple[Path, ...],
@@ -72,6 +73,7 @@ def evaluate(
     jobs: int,
     photos_dir: Path | None,
     fresh: bool,
+    as_json: bool,
 ) -> int:
     """Make many cases, locate each, and sum up how that went.
 
@@ -86,7 +88,7 @@ def evaluate(
     if photos_dir is not None:
         from sim.evaluate.photos.command import photos_command
 
-        return photos_command(photos_dir, folder)
+        return photos_command(photos_dir, folder, as_json)
     if not dems or scenario_path is None or folder is None:
         raise click.UsageError("give --dem, --scenario and --out, or --photos")
 
@@ -107,5 +109,6 @@ def evaluate(
     numbers = sorted(set(only)) or list(range(cases))
     with counting(len(numbers)) as report:
         rows = run_cases(experiment, numbers, folder / "cases.csv", jobs, fresh, report)
-    click.echo(write_report(rows, scenario_path.stem, folder))
+    text = write_report(rows, scenario_path.stem, folder)
+    click.echo((folder / "summary.json").read_text(encoding="utf-8").strip() if as_json else text)
     return 0

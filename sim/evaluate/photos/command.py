@@ -1,5 +1,6 @@
 """``sim evaluate --photos``: the evaluation on photographs as a command."""
 
+import json
 from pathlib import Path
 
 import click
@@ -10,8 +11,8 @@ WRONG_FIX_STATUS = 5
 """As of ``sim demo``."""
 
 
-def photos_command(data_dir: Path, out_dir: Path | None) -> int:
+def photos_command(data_dir: Path, out_dir: Path | None, as_json: bool = False) -> int:
     """Evaluate, print the tables, and say with the exit status whether another place was called the fix."""
     evaluation = evaluate_photos(data_dir, out_dir, lambda line: click.echo(line, err=True))
-    click.echo(evaluation.markdown())
+    click.echo(json.dumps(evaluation.fields()) if as_json else evaluation.markdown())
     return WRONG_FIX_STATUS if evaluation.wrong_fixes else 0

@@ -1,10 +1,12 @@
 """The evaluation on photographs: all pictures traced, all standpoints searched for, two tables."""
 
+import math
 import tempfile
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import groupby
 from pathlib import Path
+from typing import Any
 
 from localizer.horizon.from_image import find_skyline
 from sim.errors import SimulationError
@@ -28,6 +30,16 @@ class PhotoEvaluation:
         """The searches that called another place the fix."""
         return [t for t in self.trials if t.verdict == "WRONG"]
 
+    def fields(self) -> dict[str, Any]:
+        """Every picture and every search as JSON values; null for what is not a number."""
+        return {
+            "pictures": [
+                {"dataset": dataset, "name": name, "half": half, **_json_values(asdict(score))}
+                for dataset, name, half, score in self.pictures
+            ],
+            "places": [_json_values(asdict(trial)) for trial in self.trials],
+        }
+
     def markdown(self) -> str:
         """Both tables with their summaries."""
         return "\n\n".join(
@@ -42,6 +54,10 @@ class PhotoEvaluation:
                 tables.position_table(self.trials),
             ]
         )
+
+
+def _json_values(values: dict[str, Any]) -> dict[str, Any]:
+    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in values.items()}
 
 
 def evaluate_photos(
