@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from localizer.horizon.edge_position import refine_edge
+from localizer.horizon.lookalikes import lookalikes
 from localizer.horizon.paper_border import inside_border
 from localizer.horizon.protrusions import standing_out
 from localizer.horizon.sky_boundary import SkyBoundary, trace_boundary
@@ -98,7 +99,8 @@ def _in_picture(image_bgr: NDArray[np.uint8]) -> Skyline:
     edge = refine_edge(image_bgr, np.clip(rough_px, 0.5, height - 1.5), work.scale_y)
 
     confidence = _likelihood(frame_odds + 2.5) * _likelihood(_column_log_odds(boundary) - 2.6)[nearest]
-    confidence[standing_out(edge.row_px) | boundary.contested[nearest]] *= _IN_DOUBT
+    doubtful = boundary.contested | lookalikes(work, boundary)
+    confidence[standing_out(edge.row_px) | doubtful[nearest]] *= _IN_DOUBT
     state = np.where(confidence >= CONFIDENT, ColumnState.OK, ColumnState.DOUBTFUL).astype(np.uint8)
     state[boundary.row[nearest] < 2] = ColumnState.NO_SKY
     state[boundary.row[nearest] > h - 2] = ColumnState.NO_TERRAIN

@@ -42,6 +42,9 @@ _LINE_SIDE = 0.5
 _LEAVING = 0.05
 """A line above the boundary is followed where its edge is at least so strong; factor on the cost of its sides; what each
 column costs on its way there."""
+_FAINT_LINE_FROM, _FAINT, _FAINT_GAPS, _FAINT_COLUMNS = 0.15, 0.1, 0.2, 6
+"""The same for faint lines, which count where the edge is stronger than the second number in all but the third's share of
+a stretch of at least so many columns."""
 _SURELY_SKY, _SURELY_SKY_IN_DOUBT = 0.85, 0.5
 """The share of what lies above the boundary that the sky's model is fitted to; and when the boundary is put to the test."""
 
@@ -93,20 +96,37 @@ def trace_boundary(work: WorkImage) -> SkyBoundary:
             if np.array_equal(row, before):
                 break
         contested = np.abs(total_cost(learnt(row, _SURELY_SKY_IN_DOUBT)).argmin(axis=1) - row) > 2
-        contested |= row - _line_above(np.where(work.step > 0, strength, 0), side, row) > 2
+        contested |= _farther_ridge(np.where(work.step > 0, strength, 0), side, row)
     columns = np.arange(w)
     best = total[columns, row].copy()
     total[np.abs(np.arange(h + 1)[None, :] - row[:, None]) < 3] = np.inf
     return SkyBoundary(row, total.min(axis=1) - best, contested, strength[row, columns], odds, guess)
 
 
-def _line_above(strength: Floats, side: Floats, row: NDArray[np.int64]) -> NDArray[np.int64]:
+def _farther_ridge(strength: Floats, side: Floats, row: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Columns (w,) where a line above the boundary may be the skyline: a sharp one, or a faint one that hardly breaks off.
+
+    A ridge in the haze is faint all along; a streak of cloud is sharp here and gone there.
+    """
+    columns = np.arange(row.size)
+    beyond = row - _line_above(strength, side, row, _LINE_FROM) > 2
+    line = _line_above(strength, side, row, _FAINT_LINE_FROM)
+    edges = np.flatnonzero(np.diff(row - line > 2, prepend=False, append=False))
+    for start, stop in zip(edges[::2], edges[1::2], strict=True):
+        stretch = slice(start, stop)
+        along = strength[line[stretch], columns[stretch]]
+        if stop - start >= _FAINT_COLUMNS and np.quantile(along, _FAINT_GAPS) > _FAINT:
+            beyond[stretch] = True
+    return beyond
+
+
+def _line_above(strength: Floats, side: Floats, row: NDArray[np.int64], least: float) -> NDArray[np.int64]:
     """Rows (w,) of the best line that follows sharp edges above the boundary or, where there are none, the boundary itself.
 
     What lies between the two looks like sky, else the boundary would run there already; only the edge speaks against it.
     """
     h, w = strength.shape[0] - 1, row.size
-    gain = strength.T - np.float32(_LINE_FROM)
+    gain = strength.T - np.float32(least)
     cost = np.where(gain > 0, -gain, -2 * gain)
     up = row[:, None] - np.arange(h + 1)[None, :]
     cost[up < 3] = 1e4

@@ -83,3 +83,34 @@ def test_a_ridge_as_pale_as_the_clouds_in_the_glare_makes_the_nearer_one_doubtfu
     assert far_off.mean() > 0.15  # the nearer ridge is taken, ...
     assert (far_off & used(skyline)).mean() < 0.05  # ... but not claimed
     assert used(skyline).mean() > 0.6
+
+
+def test_a_faint_ridge_behind_the_sharp_one_puts_the_sharp_one_in_doubt():
+    edge, image = scene()
+    far = np.minimum(edge, 190.0 + 30.0 * np.sin(COLUMNS / 170.0 + 2.0) + 4.0 * np.sin(COLUMNS / 13.0))
+    behind = below(far) * (1.0 - below(edge))
+    sky = image.astype(float)
+    paler = cv2.GaussianBlur(behind, (0, 0), 0.7)[..., None] * 14.0
+    skyline = find_skyline(np.clip(sky - paler, 0, 255).round().astype(np.uint8))
+    assert (used(skyline) & (np.abs(skyline.row_px - far) > 10.0)).mean() < 0.03
+    assert used(find_skyline(image)).mean() > 0.9, "the ridge alone is not in doubt"
+
+
+def test_the_rim_of_the_sun_s_glare_is_no_skyline():
+    edge, image = scene()
+    distance = np.hypot(COLUMNS - 450.0, np.arange(HEIGHT)[:, None] - 260.0)[..., None]
+    glare = 900.0 * np.exp(-((distance / 50.0) ** 2)) + 60.0 * np.exp(-distance / 80.0)
+    skyline = find_skyline(np.clip(image + glare, 0, 255).round().astype(np.uint8))
+    assert np.percentile(np.abs(skyline.row_px - edge)[used(skyline)], 98) < 5.0
+    assert used(skyline).mean() > 0.5
+
+
+def test_the_top_of_a_cloud_that_lies_on_a_hazy_ridge_is_no_skyline():
+    edge = 300.0 + 25.0 * np.sin(COLUMNS / 110.0)
+    cloud = 220.0 + 15.0 * np.sin(COLUMNS / 40.0)
+    blue, white = np.array([200.0, 140.0, 90.0]), np.array([250.0, 246.0, 243.0])
+    depth = np.clip((np.arange(HEIGHT)[:, None] - edge) / 200.0, 0.0, 1.0)[..., None]
+    hazy = white - (white - np.array([60.0, 90.0, 80.0])) * (0.1 + 0.9 * depth)
+    picture = blue + (white - blue) * below(cloud)
+    skyline = find_skyline(noisy(picture + (hazy - picture) * below(edge), 5))
+    assert (used(skyline) & (np.abs(skyline.row_px - cloud) < 10.0)).mean() < 0.03
