@@ -1,4 +1,4 @@
-"""Boundaries that are sharp enough and yet no skyline: the top of a cloud that lies on the ridge, the rim of the sun's glare."""
+"""Boundaries that are sharp enough and yet no skyline: the top of a cloud on the ridge, the rim of the sun's glare."""
 
 import numpy as np
 from numpy.typing import NDArray

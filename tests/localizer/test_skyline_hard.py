@@ -90,7 +90,7 @@ def test_a_faint_ridge_behind_the_sharp_one_puts_the_sharp_one_in_doubt():
     far = np.minimum(edge, 190.0 + 30.0 * np.sin(COLUMNS / 170.0 + 2.0) + 4.0 * np.sin(COLUMNS / 13.0))
     behind = below(far) * (1.0 - below(edge))
     sky = image.astype(float)
-    paler = cv2.GaussianBlur(behind, (0, 0), 0.7)[..., None] * 14.0
+    paler = cv2.GaussianBlur(behind, (0, 0), 0.7)[..., None] * 10.0
     skyline = find_skyline(np.clip(sky - paler, 0, 255).round().astype(np.uint8))
     assert (used(skyline) & (np.abs(skyline.row_px - far) > 10.0)).mean() < 0.03
     assert used(find_skyline(image)).mean() > 0.9, "the ridge alone is not in doubt"
