@@ -1,7 +1,7 @@
 // The position and how far it is to be trusted. An old fix never looks like a current one.
 
 import { $, element, say } from "./dom.js";
-import { SIGMAS_95, axes, count, duration, grouped, heading, latLon, metres } from "./words.js";
+import { SIGMAS_95, axes, count, duration, grid, heading, latLon, metres } from "./words.js";
 
 const VERDICT = { fix: "FIX", ambiguous: "AMBIGUOUS", none: "NO FIX" };
 
@@ -60,20 +60,22 @@ function facts({ fix, altitude_m, vehicle_heading_deg, vehicle_heading_sigma_deg
     out.push(["95 % within", metres(SIGMAS_95 * major)]);
     out.push(["camera's altitude", altitude_m === null ? "unknown" : metres(altitude_m)]);
     if (vehicle_heading_deg !== null) out.push(["heading", `${heading(vehicle_heading_deg)} ± ${vehicle_heading_sigma_deg.toFixed(1)}°`]);
-    out.push([fix.position.crs.length < 16 ? fix.position.crs : "grid", `${grouped(fix.position.easting_m)} E ${grouped(fix.position.northing_m)} N`]);
+    out.push([fix.position.crs.length < 16 ? fix.position.crs : "grid", grid(fix.position)]);
     out.push(["probability", fix.probability.toFixed(3)]);
   }
   out.push(["searched", mode], ["bundle", bundle]);
-  return out.map(([name, value]) => element("div", {}, element("dt", {}, name), element("dd", {}, value)));
+  return out.map(([name, value]) => element("div", { class: value.length > 16 ? "wide" : "" }, element("dt", {}, name), element("dd", {}, value)));
 }
 
-function candidate({ easting_m, northing_m, probability }, i) {
+function candidate(place, i) {
+  const bar = element("span");
+  bar.style.width = `${100 * place.probability}%`;
   return element(
     "li",
     {},
     element("b", {}, String(i + 1)),
-    element("meter", { min: 0, max: 1, value: probability, "aria-hidden": "true" }),
-    element("span", {}, `${(100 * probability).toFixed(probability < 0.1 ? 1 : 0)} %`),
-    element("span", {}, `${grouped(easting_m)} E  ${grouped(northing_m)} N`),
+    element("i", { "aria-hidden": "true" }, bar),
+    element("span", {}, `${(100 * place.probability).toFixed(place.probability < 0.1 ? 1 : 0)} %`),
+    element("span", {}, grid(place)),
   );
 }

@@ -17,8 +17,12 @@ export function latLon(position) {
   return [half(position.lat_deg, "N", "S"), half(position.lon_deg, "E", "W")];
 }
 
-export function grouped(value) {
-  return Math.round(value).toString().replace(/\B(?=(\d{3})+$)/g, " ");
+function grouped(value) {
+  return Math.round(value).toString().replace(/\B(?=(\d{3})+$)/g, "\u202f");
+}
+
+export function grid({ easting_m, northing_m }) {
+  return `${grouped(easting_m)}\u00a0E, ${grouped(northing_m)}\u00a0N`;
 }
 
 export function metres(value) {
