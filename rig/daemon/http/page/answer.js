@@ -64,7 +64,7 @@ function facts({ fix, altitude_m, vehicle_heading_deg, vehicle_heading_sigma_deg
     out.push(["probability", fix.probability.toFixed(3)]);
   }
   out.push(["searched", mode], ["bundle", bundle]);
-  return out.map(([name, value]) => element("div", { class: value.length > 16 ? "wide" : "" }, element("dt", {}, name), element("dd", {}, value)));
+  return out.map(([name, value]) => element("div", { class: value.length > 11 ? "wide" : "" }, element("dt", {}, name), element("dd", {}, value)));
 }
 
 function candidate(place, i) {

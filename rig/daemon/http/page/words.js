@@ -68,7 +68,7 @@ export function eventLine({ kind, data }) {
     if (data.level === "info" || data.level === "debug") return null; // said by the other kinds already
     return [data.text ?? JSON.stringify(data), data.level === "warning" ? "warn" : "bad"];
   }
-  if (data.activity) return [data.activity, ""];
+  if (data.activity) return ["idle", "capturing"].includes(data.activity) ? null : [data.activity, ""]; // as above
   if (data.configuration) return [`configuration ${data.configuration}${data.reason ? `: ${data.reason}` : ""}`, data.reason ? "bad" : ""];
   return null;
 }
