@@ -85,6 +85,8 @@ class Snapshot:
     """The latest answer, whatever its status."""
     last_fix: Answer | None
     """The latest answer that is a fix: possibly of long ago."""
+    moved: Instant | None = None
+    """When the vehicle was last seen to move: at rest since then, as far as anybody watches."""
     counts: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
 
     @property
@@ -178,6 +180,11 @@ class Board:
             self._now = dataclasses.replace(self._now, last=answer, last_fix=last_fix)
             self._counts[f"answers {answer.fix.status}"] += 1
             self._tell("answer", {"bundle": answer.bundle, "status": answer.fix.status, "mode": answer.mode})
+
+    def set_moving(self) -> None:
+        """Say that the vehicle moves at this moment; no event, for it may be said many times a second."""
+        with self._lock:
+            self._now = dataclasses.replace(self._now, moved=Instant.now())
 
     def count(self, what: str, by: int = 1) -> None:
         """Count something that happened."""

@@ -13,7 +13,7 @@ from rig.daemon.config import MavlinkOutput
 from rig.daemon.mavlink_link import Link, check, opened
 from rig.daemon.mavlink_messages import dialect, external_position_estimate, gps_input, heartbeat
 from rig.daemon.progress import Loops
-from rig.daemon.published import PublishedFix, current_fix
+from rig.daemon.published import PublishedFix, current_fix, lapsed
 from rig.errors import DeviceError
 from rig.readings import Instant
 
@@ -58,6 +58,7 @@ class _Publisher:
         latest = board.snapshot().last_fix
         self._sent_up_to_s = latest.captured.monotonic_s if latest else float("-inf")
         """Captures up to here have been sent: none is sent twice, and none after a later one."""
+        self._seen = latest.bundle if latest else None
 
     def run(self, stop: threading.Event, loops: Loops | None) -> None:
         """Keep a link until ``stop``."""
@@ -87,11 +88,18 @@ class _Publisher:
             stop.wait(POLL_EVERY_S)
 
     def _send_new(self, session: "_Session") -> None:
-        now = Instant.now()
-        fix = current_fix(self._board.snapshot(), now, self._section.valid_s)
+        now, snapshot = Instant.now(), self._board.snapshot()
+        fix = current_fix(snapshot, now, self._section.valid_s)
         if fix is not None and fix.captured.monotonic_s > self._sent_up_to_s:
             session.send_fix(fix, now)
             self._sent_up_to_s = fix.captured.monotonic_s
+        last = snapshot.last
+        if last is not None and last.bundle != self._seen:
+            self._seen = last.bundle
+            why = lapsed(last, snapshot, now, self._section.valid_s)
+            if last.fix.status == "fix" and why is not None:
+                self._board.count("mavlink fixes not sent")
+                _log.warning("mavlink: the fix of %s is not sent: %s", last.bundle, why)
 
 
 class _Session:

@@ -11,7 +11,7 @@ from rig.daemon.board import Answer, Board
 from rig.daemon.config import NmeaOutput
 from rig.daemon.nmea_sentences import epoch
 from rig.daemon.progress import Loops
-from rig.daemon.published import current_fix
+from rig.daemon.published import current_fix, lapsed
 from rig.daemon.tcp_broadcast import TcpBroadcast
 from rig.daemon.udp_targets import UdpTarget
 from rig.readings import Instant
@@ -101,17 +101,14 @@ class _Publisher:
         fix = current_fix(snapshot, now, self._section.valid_s)
         if snapshot.last is not None and snapshot.last.bundle != self._seen:
             self._seen = snapshot.last.bundle
-            self._tell_if_late(snapshot.last)
+            self._tell_if_lapsed(snapshot.last, lapsed(snapshot.last, snapshot, now, self._section.valid_s))
         sentences = epoch(fix, now.utc, self._section.quality, self._section.sentences)
         if self._server is not None:
             self._server.send(sentences)
         for target in self._targets:
             target.send(sentences)
 
-    def _tell_if_late(self, answer: Answer) -> None:
-        took_s = answer.answered.monotonic_s - answer.captured.monotonic_s
-        if answer.fix.status == "fix" and took_s > self._section.valid_s:
-            self._board.count("nmea fixes too late")
-            _log.warning(
-                "nmea: %s is not published: answered %.0f s after its capture", answer.bundle, took_s
-            )
+    def _tell_if_lapsed(self, answer: Answer, why: str | None) -> None:
+        if answer.fix.status == "fix" and why is not None:
+            self._board.count("nmea fixes never current")
+            _log.warning("nmea: the fix of %s is not published: %s", answer.bundle, why)

@@ -29,6 +29,8 @@ GAP_SPEED_M_S = 1.0
 INDEPENDENT_M = 50.0
 """Slip and steering after so much way are independent of those before."""
 FLOOR_M = 0.5
+STANDING_M_S = 0.3
+"""Up to here it may be the noise of a vehicle that stands."""
 LARGEST_DATAGRAM = 4096
 FASTEST_M_S = 150.0
 
@@ -201,10 +203,13 @@ def velocity_in(sentence: Sentence) -> Velocity | None:
 class OdometryListener:
     """Hears datagrams, each of them lines of NMEA 0183 or of JSON, until it is told to stop."""
 
-    def __init__(self, section: OdometryInput, odometer: Odometer) -> None:
-        """``RigError`` where the address cannot be listened on."""
+    def __init__(
+        self, section: OdometryInput, odometer: Odometer, moving: Callable[[], None] = lambda: None
+    ) -> None:
+        """``moving`` is called at each speed of a vehicle that moves. ``RigError`` where the address cannot be listened on."""
         self._socket = bound_udp(section.listen, "[run.odometry] listen")
         self._odometer = odometer
+        self._moving = moving
         self._bad = 0
 
     @property
@@ -236,6 +241,8 @@ class OdometryListener:
                 self._odometer.leg(parse_leg(line))
             elif velocity := velocity_in(parse_sentence(line)):
                 self._odometer.velocity(velocity, at_s)
+                if velocity.speed_m_s > STANDING_M_S:
+                    self._moving()
         except (MessageError, ValueError) as error:
             self._bad += 1
             if (

@@ -48,18 +48,26 @@ class PublishedFix:
 
 
 def current_fix(snapshot: Snapshot, now: Instant, valid_s: float) -> PublishedFix | None:
-    """The fix of the latest capture, if it is not older than ``valid_s``.
+    """The fix of the latest capture, where it has not ``lapsed``.
 
     None where that capture came to no fix: an earlier one may not stand for it. An answer to a bundle of long ago,
     which had to wait in the spool, says nothing of the present and takes nothing away from it.
     """
     answers = [answer for answer in (snapshot.last_fix, snapshot.last) if answer is not None]
     latest = max(answers, key=lambda answer: answer.captured.monotonic_s, default=None)
-    if latest is None or latest.fix.status != "fix":
-        return None
-    if not 0.0 <= now.monotonic_s - latest.captured.monotonic_s <= valid_s:
+    if latest is None or latest.fix.status != "fix" or lapsed(latest, snapshot, now, valid_s):
         return None
     return published(latest)
+
+
+def lapsed(answer: Answer, snapshot: Snapshot, now: Instant, valid_s: float) -> str | None:
+    """Why the vehicle need no longer be where it was at the capture; None where it counts as being there."""
+    age_s = now.monotonic_s - answer.captured.monotonic_s
+    if not 0.0 <= age_s <= valid_s:
+        return f"captured {age_s:.0f} s ago"
+    if snapshot.moved is not None and snapshot.moved.monotonic_s > answer.captured.monotonic_s:
+        return "the vehicle has moved on"
+    return None
 
 
 def published(answer: Answer) -> PublishedFix:

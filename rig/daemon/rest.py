@@ -70,7 +70,8 @@ class RestWatch:
         self._board = board
         self._hardware = hardware
         self._ask = ask
-        self._detector = RestDetector(config.run.rest)
+        self._rest = config.run.rest
+        self._detector = RestDetector(self._rest)
 
     def run(self, beat: Callable[[], None], stop: threading.Event) -> None:
         """Watch until ``stop``."""
@@ -102,7 +103,10 @@ class RestWatch:
                 readings += retry(partial(chip.read_many, 0.0))
                 if stop.wait(1.0 / SAMPLES_A_SECOND) or self._hardware.wanted:
                     return
-            if self._detector.take(noise_mg(readings), time.monotonic()) and self._ask():
+            noise = noise_mg(readings)
+            if noise > self._rest.still_mg:
+                self._board.set_moving()
+            if self._detector.take(noise, time.monotonic()) and self._ask():
                 self._detector.captured()
 
 

@@ -79,7 +79,7 @@ def session(config: RigConfig, shared: Shared, started: Callable[[], None]) -> R
         odometer = None
         if run.odometry:
             odometer = Odometer(run.odometry, spool.recall("odometer"))
-            listener = OdometryListener(run.odometry, odometer)
+            listener = OdometryListener(run.odometry, odometer, board.set_moving)
             stack.callback(listener.close)
             loops.append(("odometry", listener.run, USUAL_BEAT_S))
         publish(stack, run, board, triggers, spool, shared.loops)

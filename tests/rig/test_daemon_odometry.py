@@ -161,3 +161,25 @@ def test_datagrams_of_several_lines_are_heard_and_nonsense_is_passed_over() -> N
         stop.set()
         thread.join()
         listener.close()
+
+
+def test_a_vehicle_that_moves_is_told_and_one_that_stands_is_not() -> None:
+    moving: list[None] = []
+    stop, odometer = threading.Event(), Odometer(SECTION)
+    listener = OdometryListener(SECTION, odometer, lambda: moving.append(None))
+    thread = threading.Thread(target=listener.run, args=(lambda: None, stop))
+    thread.start()
+    try:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+            for speed_kmh in (0.0, 0.9, 7.0, 8.0, 0.0):
+                out.sendto(sentence(f"IIVTG,90.0,T,,M,,N,{speed_kmh},K,A"), listener.address)
+            out.sendto(b'{"unknown": true}', listener.address)  # the last: unknown is what follows
+        deadline_s = time.monotonic() + 60.0
+        while odometer.movement(time.monotonic()) is not None or not moving:
+            assert time.monotonic() < deadline_s
+            time.sleep(0.01)
+    finally:
+        stop.set()
+        thread.join()
+        listener.close()
+    assert len(moving) == 2

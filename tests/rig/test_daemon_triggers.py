@@ -8,10 +8,12 @@ from types import SimpleNamespace
 
 import pytest
 
+from rig.config import RigConfig
+from rig.daemon import rest
 from rig.daemon.board import Board
 from rig.daemon.config import RestTrigger, RunSection
 from rig.daemon.device_watch import DeviceWatch, Hardware, next_wait_s, obstacle
-from rig.daemon.rest import RestDetector, noise_mg
+from rig.daemon.rest import SAMPLES_A_SECOND, RestDetector, RestWatch, noise_mg
 from rig.daemon.triggers import Triggers
 from rig.errors import DeviceError
 from rig.readings import AccelerationReading, Instant
@@ -101,6 +103,46 @@ class TestRest:
 
         assert noise_mg(readings(z=False)) == pytest.approx(10.0)
         assert noise_mg(readings(z=True)) == pytest.approx(10.0 * 2**0.5)
+
+
+class ShakenChip:
+    """An inclinometer that is shaken in the seconds named, and says so by its readings."""
+
+    def __init__(self, shaken: set[int], over: threading.Event) -> None:
+        self._shaken = shaken
+        self._over = over
+        self._reads = 0
+
+    def identify(self) -> str:
+        return "shaken chip"
+
+    def read_many(self, _seconds: float) -> list[AccelerationReading]:
+        second, self._reads = self._reads // SAMPLES_A_SECOND, self._reads + 1
+        if second > max(self._shaken) + 1:
+            self._over.set()
+        x_g = 0.02 * (-1.0) ** self._reads if second in self._shaken else 0.0
+        now = Instant.now()
+        return [AccelerationReading(x_g, 0.0, 1.0, 20.0, now.monotonic_s, now.utc)]
+
+    def close(self) -> None:
+        pass
+
+
+def test_the_board_knows_when_the_vehicle_was_last_shaken(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Quick(threading.Event):
+        def wait(self, timeout: float | None = None) -> bool:
+            return super().wait(0.001 if timeout else timeout)
+
+    board, stop = Board(), Quick()
+    chip = ShakenChip({2, 5}, stop)
+    told: list[int] = []
+    monkeypatch.setattr(board, "set_moving", lambda: told.append(chip._reads // SAMPLES_A_SECOND))
+    monkeypatch.setattr(rest, "open_inclinometer", lambda _: chip)
+    config = RigConfig.model_construct(
+        inclinometer=None, run=RunSection(dem=("dem.tif",), rest=RestTrigger(still_s=1e6))
+    )
+    RestWatch(config, board, Hardware(), lambda: False).run(lambda: None, stop)
+    assert told == [3, 6]  # each at the end of its second
 
 
 class FakeDevices:

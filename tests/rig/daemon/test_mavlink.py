@@ -138,6 +138,18 @@ def test_only_a_current_fix_is_sent():
         assert autopilot.count("COMMAND_INT") == 1
 
 
+def test_a_fix_of_a_place_that_the_vehicle_has_left_is_withheld_and_the_log_says_so(caplog):
+    board = Board()
+    with linked(board) as autopilot:
+        autopilot.until("HEARTBEAT")
+        board.set_moving()
+        board.set_answer(an_answer(age_s=5.0))
+        until(lambda: board.snapshot().counts.get("mavlink fixes not sent") == 1)
+        autopilot.until("HEARTBEAT")
+        assert autopilot.count("COMMAND_INT") == 0
+    assert "is not sent: the vehicle has moved on" in caplog.text
+
+
 def test_a_fix_of_before_the_link_began_is_not_repeated():
     board = Board()
     board.set_answer(an_answer(age_s=5.0))

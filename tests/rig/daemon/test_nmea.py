@@ -89,6 +89,15 @@ def test_an_ambiguous_answer_ends_the_fix_at_once():
         each.until("GGA", no_fix)
 
 
+def test_a_vehicle_that_moves_on_ends_the_fix_at_once():
+    with served(valid_s=1000.0) as (board, client, _):
+        each = client()
+        board.set_answer(an_answer(age_s=20.0))
+        each.until("GGA", a_fix)
+        board.set_moving()
+        each.until("GGA", no_fix)
+
+
 def test_a_client_that_never_reads_holds_nobody_up_and_is_let_go(monkeypatch, caplog):
     monkeypatch.setattr(tcp_broadcast, "WAITING_BYTES", 2_000)
     with publishing(section(tcp="127.0.0.1:0"), Board()) as publisher, socket.socket() as deaf:
@@ -209,10 +218,10 @@ def test_a_fix_that_comes_too_late_is_counted_and_said(caplog):
         each.until("GGA", no_fix)
         board.set_answer(an_answer(age_s=8.0, took_s=8.0))
         deadline_s = time.monotonic() + SOON_S
-        while not board.snapshot().counts.get("nmea fixes too late") and time.monotonic() < deadline_s:
+        while not board.snapshot().counts.get("nmea fixes never current") and time.monotonic() < deadline_s:
             assert each.until("GGA").quality == 0
-        assert board.snapshot().counts["nmea fixes too late"] == 1
-    assert "is not published: answered 8 s after its capture" in caplog.text
+        assert board.snapshot().counts["nmea fixes never current"] == 1
+    assert "the fix of 20261126T235958Z-3f9a is not published: captured 8 s ago" in caplog.text
 
 
 def test_the_loop_gives_proof_of_its_work_and_ends_with_the_context():

@@ -12,7 +12,7 @@ from pyproj import CRS, Geod, Transformer
 
 from localizer.fix import Position
 from rig.daemon.board import Board
-from rig.daemon.published import current_fix, published, true_covariance_m2
+from rig.daemon.published import current_fix, lapsed, published, true_covariance_m2
 from rig.readings import Instant
 
 VALID_S = 30.0
@@ -61,6 +61,19 @@ def test_a_step_of_the_wall_clock_makes_no_fix_older_or_younger(step_h):
 
 def test_a_capture_of_the_future_is_of_another_clock_and_not_current():
     assert of(an_answer(age_s=-5.0)) is None
+
+
+def test_a_vehicle_that_has_moved_since_is_not_there_any_more():
+    board = Board()
+    board.set_moving()
+    board.set_answer(an_answer("b", age_s=-0.001))
+    at = Instant(time.monotonic() + 5.0, Instant.now().utc)
+    assert current_fix(board.snapshot(), at, VALID_S).bundle == "b"
+    board.set_answer(an_answer("c", age_s=-0.002))
+    time.sleep(0.01)
+    board.set_moving()
+    assert current_fix(board.snapshot(), at, VALID_S) is None
+    assert lapsed(board.snapshot().last, board.snapshot(), at, VALID_S) == "the vehicle has moved on"
 
 
 def place(crs, lat_deg, lon_deg):
