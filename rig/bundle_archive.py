@@ -20,6 +20,7 @@ from pathlib import Path, PurePosixPath
 from typing import IO, Protocol
 
 from localizer.bundle import FILE_NAME, Bundle, load_bundle
+from rig.atomic import sync
 from rig.bundle_facts import TABLE_COLUMNS, table_rows
 from rig.bundle_writer import LEAST_FREE_BYTES, existing_part
 from rig.errors import RigError
@@ -72,6 +73,7 @@ def write_archive(path: Path, bundles: Sequence[Bundle]) -> None:
         for _ in bundles_of_archive(partial, sums):
             pass
         partial.rename(path)
+        sync(path.parent)
     except OSError as error:
         raise ArchiveError(
             f"{path}: cannot be written: {error.strerror or error}; choose another --out"
@@ -132,12 +134,11 @@ def unpack_archive(path: Path, out_dir: Path) -> Iterator[tuple[Path, bool]]:
         try:
             shutil.rmtree(partial, ignore_errors=True)
             shutil.copytree(bundle.directory, partial)
-            for file in partial.rglob("*"):
-                descriptor = os.open(file, os.O_RDONLY)
-                os.fsync(descriptor)
-                os.close(descriptor)
+            for each in (*partial.rglob("*"), partial):
+                sync(each)
             load_bundle(partial)
             partial.rename(place)
+            sync(out_dir)
         except OSError as error:
             raise ArchiveError(f"{place}: cannot be written: {error.strerror or error}") from error
         finally:

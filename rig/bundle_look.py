@@ -48,6 +48,8 @@ def loaded(paths: tuple[Path, ...]) -> Iterator[tuple[Path, Bundle | BundleError
 def list_(folders: tuple[Path, ...], as_json: bool, as_csv: bool) -> int:
     """The bundles in folders and in folders below them, oldest first, numbered; status 2 where one is damaged.
 
+    With --json one object a line.
+
     \b
     Examples:
       rig bundle list bundles
@@ -72,7 +74,8 @@ def list_(folders: tuple[Path, ...], as_json: bool, as_csv: bool) -> int:
             found.append({"number": number, "id": path.name, "directory": str(path), "problem": str(result)})
         else:
             found.append({"number": number, **facts(result), "problem": None})
-    click.echo(json.dumps(found, indent=2) if as_json else "\n".join(map(_row, found)))
+    for each in found:
+        click.echo(json.dumps(each) if as_json else _row(each))
     return 2 if problems else 0
 
 
@@ -113,7 +116,7 @@ def show(directory: Path, as_json: bool, picture: Path | None) -> None:
         from rig.preview import write_preview  # it is slow to import
 
         write_preview(picture, bundle, "")
-    click.echo(json.dumps(found, indent=2) if as_json else _shown(found))
+    click.echo(json.dumps(found) if as_json else _shown(found))
 
 
 def _shown(found: dict[str, Any]) -> str:

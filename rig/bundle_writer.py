@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from localizer.bundle import FILE_NAME, Altitude, Bundle, Camera, Frame, load_bundle, sha256_of
+from rig.atomic import sync
 from rig.errors import RigError
 
 LEAST_FREE_BYTES = 20_000_000
@@ -94,10 +95,10 @@ def write_bundle(folder: Path, measurement: Measurement) -> Path:
         frames = [_write_frame(partial, frame) for frame in measurement.frames]
         _write(partial / FILE_NAME, _bundle(name, measurement, frames).to_json().encode())
         for directory in (partial / "frames", partial):
-            _sync_directory(directory)
+            sync(directory)
         load_bundle(partial)
         partial.rename(folder / name)
-        _sync_directory(folder)
+        sync(folder)
     except OSError as error:
         reason = error.strerror or str(error)
         raise BundleWriteError(
@@ -151,12 +152,3 @@ def _write(path: Path, content: bytes) -> None:
         file.write(content)
         file.flush()
         os.fsync(file.fileno())
-
-
-def _sync_directory(path: Path) -> None:
-    """Bring the names in a directory to the disk: a rename that outlives a power cut needs them there first."""
-    descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

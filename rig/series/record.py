@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from localizer.bundle import Bundle
-from rig.atomic import write_atomically
+from rig.atomic import sync, write_atomically
 from rig.clock import wall_clock
 from rig.errors import RigError
 from rig.measure import utc_text
@@ -142,6 +142,7 @@ def begin_series(out_dir: Path, plan: Plan) -> Series:
     header = {"schema": SCHEMA, "id": folder.name, "time": utc_text(now), "plan": asdict(plan)}
     try:
         write_atomically(folder / FILE_NAME, json.dumps(header).encode() + b"\n")
+        sync(out_dir)
     except OSError as error:
         raise SeriesError(f"{folder}: cannot be written: {error.strerror}; choose another --out") from error
     return Series(folder, plan)

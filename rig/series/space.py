@@ -9,12 +9,13 @@ from rig.config import RigConfig
 FRAME_BYTES_OF_RAW = 1.01  # a PNG of noise is no smaller than its pixels
 PREVIEW_BYTES = 400_000
 RECORD_BYTES = 100_000
+TELEMETRY_BYTES = 1_000_000  # of half a minute
 
 
 def bundle_bytes(config: RigConfig, frames: int) -> int:
-    """What a bundle with its picture takes at most."""
+    """What a bundle with its picture and its telemetry takes at most."""
     raw = config.camera.width_px * config.camera.height_px * 3
-    return round(frames * raw * FRAME_BYTES_OF_RAW) + PREVIEW_BYTES + RECORD_BYTES
+    return round(frames * raw * FRAME_BYTES_OF_RAW) + PREVIEW_BYTES + RECORD_BYTES + TELEMETRY_BYTES
 
 
 def require_space(folder: Path, config: RigConfig, bundles: int, frames: int) -> None:

@@ -75,14 +75,15 @@ def test_bundles_are_numbered_and_a_damaged_one_is_named(written: Path) -> None:
     (written / "frames" / "N.png").write_bytes(b"x")
     listed = run("list", written.parent, "--json")
     assert listed.return_value == 2
-    assert "checksum" in json.loads(listed.output)[0]["problem"]
+    assert "checksum" in json.loads(listed.output)["problem"]
     assert "is no folder" in refused("list", written / "none")
 
 
 def test_bundles_below_a_folder_are_found_but_not_those_being_written(written: Path) -> None:
     deeper = write_one(written.parent / "series-x" / "bundles")
     write_one(written.parent / ".20261124T150000Z-aaaa.partial")
-    ids = [each["id"] for each in json.loads(run("list", written.parent, "--json").output)]
+    listed = run("list", written.parent, "--json").output.splitlines()
+    ids = [json.loads(line)["id"] for line in listed]
     assert ids == sorted([written.name, deeper.name])
 
 

@@ -15,6 +15,7 @@ from fakes.command import Run, one_line, toml, written
 from fakes.whole_rig import RunningRig
 
 from localizer.bundle import load_bundle
+from rig.kinematics import camera_pointing
 
 
 def test_help_has_examples(run: Run) -> None:
@@ -230,13 +231,30 @@ def test_move(run: Run, running: RunningRig, tmp_path: Path) -> None:
     assert run("move", "--config", config, "--relax")[0] == 0
 
 
-@pytest.mark.parametrize("arguments", [(), ("40",), ("--park", "--relax"), ("1", "2", "--park")])
+@pytest.mark.parametrize(
+    "arguments", [(), ("40",), ("--park", "--relax"), ("1", "2", "--park"), ("--park", "--azimuth", "3")]
+)
 def test_move_wants_one_goal(
     run: Run, running: RunningRig, tmp_path: Path, arguments: tuple[str, ...]
 ) -> None:
     line = one_line(run("move", "--config", written(running, tmp_path), *arguments))
-    assert "Give PAN and TILT, or --park, or --relax." in line
+    assert "Give PAN and TILT, or --azimuth, or --park, or --relax." in line
     assert not running.servos.requests
+
+
+def test_the_camera_is_turned_to_a_true_azimuth(run: Run, running: RunningRig, tmp_path: Path) -> None:
+    options = "--config", written(running, tmp_path)
+    status, out, err = run("move", *options, "--azimuth", "75", "--tilt", "4", "--json")
+    assert (status, err) == (0, "")
+    found = json.loads(out)
+    assert found["azimuth_deg"] == pytest.approx(75.0, abs=0.1)
+    assert found["camera_tilt_deg"] == pytest.approx(4.0, abs=0.1)
+    looks = camera_pointing(running.rig.base, running.rig.joints(), running.rig.boresight)
+    assert looks.azimuth_deg == pytest.approx(75.0, abs=0.2), "by the truth"
+    assert not running.rig.torque_is_on
+    assert "--tilt goes with --azimuth" in one_line(run("move", *options, "--park", "--tilt", "4"))
+    without = "--config", written(running, tmp_path, compass=None)
+    assert "has no [compass]" in one_line(run("move", *without, "--azimuth", "75"))
 
 
 def test_a_goal_beyond_the_limits_moves_nothing(run: Run, running: RunningRig, tmp_path: Path) -> None:

@@ -93,7 +93,7 @@ def test_space_for_all_of_it_is_checked_before_anything_moves(
     usage = namedtuple("usage", "total used free")
     monkeypatch.setattr("shutil.disk_usage", lambda path: usage(10**9, 10**9 - 30_000_000, 30_000_000))
     line = one_line(run("capture", "--config", written(running, tmp_path), "--repeat", "100"))
-    assert "100 bundles may need 93 MB, 30 MB are free, enough for 13; make room" in line
+    assert "100 bundles may need 193 MB, 30 MB are free, enough for 5; make room" in line
     assert not running.servos.requests
     assert not (tmp_path / "bundles").exists()
 
