@@ -85,6 +85,16 @@ def test_an_old_fix_is_not_current(published: Published) -> None:
     assert published.get("/fix")["current"] is False
 
 
+def test_a_fix_is_not_current_once_the_vehicle_is_seen_to_move(published: Published) -> None:
+    published.board.set_moving()
+    published.answered(answer_of(bundle_id(1), age_s=0.0))
+    assert published.get("/fix")["current"] is True
+    published.board.set_moving()
+    answer = published.get("/fix")
+    assert answer["current"] is False
+    assert answer["moved_on"] is True
+
+
 @pytest.mark.parametrize("status", ["ambiguous", "none"])
 def test_what_is_no_fix_is_not_current_however_young_and_leaves_the_last_fix_to_be_seen(
     published: Published, status: Any

@@ -18,6 +18,7 @@ from rig.daemon.config import HttpServer
 from rig.daemon.http import serving
 from rig.daemon.http.relay import MOST_STREAMS
 from rig.daemon.http.server import HttpError
+from rig.daemon.progress import Loops
 from rig.daemon.spool import Spool
 
 SANTA_CRUZ = Path(__file__).parents[2] / "sim" / "terrain" / "santa_cruz_srtm_1s.tif"
@@ -131,6 +132,19 @@ def test_nothing_is_left_once_it_has_ended(spool: Spool) -> None:
     wait_for(lambda: {thread.ident for thread in threading.enumerate()} <= before)
     with pytest.raises(httpx.ConnectError):
         httpx.get(f"{url}/status")
+
+
+def test_its_loop_proves_that_it_gets_on_while_it_serves(spool: Spool) -> None:
+    loops = Loops()
+    with serving(
+        HttpServer(listen="127.0.0.1:0"), Board(), ScriptedActions(), spool, [SANTA_CRUZ], loops
+    ) as url:
+        assert httpx.get(f"{url}/status").status_code == 200
+        loops.beat("http", within_s=0.0)
+        wait_for(lambda: bool(loops.stuck()))
+        wait_for(lambda: not loops.stuck())
+    with pytest.raises(KeyError):
+        loops.beat("http")
 
 
 def test_an_address_that_is_taken_is_told_in_one_line(spool: Spool) -> None:

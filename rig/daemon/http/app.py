@@ -1,5 +1,6 @@
 """All paths of the server."""
 
+import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -35,11 +36,13 @@ from rig.daemon.http.models import (
     track_point,
 )
 from rig.daemon.http.relay import Relay, Stream, TooManyStreamsError
+from rig.daemon.progress import Loops
 from rig.readings import Instant
 
 PAGE = Path(__file__).parent / "page"
 MOST_THREADS = 8
 """For what reads the disk; one picture each is enough for a page."""
+LOOP, BEAT_S, LONGEST_S = "http", 2.0, 30.0
 DESCRIPTION = (
     "Where the vehicle is, and how that is known. Reading is open to whoever reaches the server; what acts wants the "
     "token. An answer is of the moment of its capture: see age_s and current before using one."
@@ -58,13 +61,14 @@ def make_app(
     relay: Relay,
     relief: ReliefMap,
     token: str | None,
+    loops: Loops | None = None,
 ) -> FastAPI:
     """The application; everything that it needs is given, and nothing else is reached."""
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
         anyio.to_thread.current_default_thread_limiter().total_tokens = MOST_THREADS
-        async with relay.running():
+        async with relay.running(), _proving_progress(loops):
             yield
 
     app = FastAPI(
@@ -97,6 +101,26 @@ def make_app(
     return app
 
 
+@asynccontextmanager
+async def _proving_progress(loops: Loops | None) -> AsyncIterator[None]:
+    """Beat for the server's loop while the context lasts."""
+    if loops is None:
+        yield
+        return
+
+    async def beat() -> None:
+        while True:
+            loops.beat(LOOP)
+            await asyncio.sleep(BEAT_S)
+
+    with loops.watched(LOOP, LONGEST_S):
+        beating = asyncio.create_task(beat())
+        try:
+            yield
+        finally:
+            beating.cancel()
+
+
 class _Page(StaticFiles):
     """The page's files; a browser asks each time whether they have changed."""
 
@@ -110,10 +134,10 @@ def _add_state(app: FastAPI, section: HttpServer, board: Board, can_act: bool) -
     @app.get("/fix", tags=["state"], responses=NOT_FOUND)
     async def fix() -> LatestAnswer:
         """The latest answer, whatever its status, with its age; 404 as long as there is none."""
-        last = board.snapshot().last
-        if last is None:
+        snapshot = board.snapshot()
+        if snapshot.last is None:
             raise HTTPException(404, "no answer yet: nothing has been located since the start")
-        return latest_answer(last, section.valid_s, Instant.now())
+        return latest_answer(snapshot.last, snapshot, section.valid_s, Instant.now())
 
     @app.get("/status", tags=["state"])
     async def status() -> State:

@@ -18,6 +18,7 @@ from rig.daemon.board import (
     TriggerAnswer,
     TriggerSource,
 )
+from rig.daemon.published import lapsed
 from rig.daemon.spool_index import BundleState, Entry
 from rig.readings import Instant
 
@@ -59,8 +60,10 @@ class LatestAnswer(BundleAnswer):
     age_s: float
     """Since the capture."""
     current: bool
-    """A fix, and not older than ``valid_s``: only then the vehicle may still be there."""
+    """A fix, not older than ``valid_s``, and the vehicle not seen to move since: only then it may still be there."""
     valid_s: float
+    moved_on: bool
+    """The vehicle has been seen to move since the capture. False proves nothing where nobody watches it."""
 
 
 class Device(_Part):
@@ -197,18 +200,23 @@ def bundle_answer(answer: Answer) -> BundleAnswer:
     return BundleAnswer(**_answer_fields(answer))
 
 
-def latest_answer(answer: Answer, valid_s: float, now: Instant) -> LatestAnswer:
-    """An answer of this run of the computer, with its age."""
-    old_s = age_s(answer.captured, now)
-    current = answer.fix.status == "fix" and old_s <= valid_s
-    return LatestAnswer(**_answer_fields(answer), age_s=old_s, current=current, valid_s=valid_s)
+def latest_answer(answer: Answer, snapshot: Snapshot, valid_s: float, now: Instant) -> LatestAnswer:
+    """One of the snapshot's answers, with its age."""
+    moved = snapshot.moved
+    return LatestAnswer(
+        **_answer_fields(answer),
+        age_s=age_s(answer.captured, now),
+        current=answer.fix.status == "fix" and lapsed(answer, snapshot, now, valid_s) is None,
+        valid_s=valid_s,
+        moved_on=moved is not None and moved.monotonic_s > answer.captured.monotonic_s,
+    )
 
 
 def state_of(snapshot: Snapshot, valid_s: float, can_act: bool, now: Instant) -> State:
     """The board's snapshot with ages."""
 
     def latest(answer: Answer | None) -> LatestAnswer | None:
-        return latest_answer(answer, valid_s, now) if answer else None
+        return latest_answer(answer, snapshot, valid_s, now) if answer else None
 
     return State(
         now=now.utc,

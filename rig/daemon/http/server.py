@@ -16,6 +16,7 @@ from rig.daemon.http.bundles import BundleStore
 from rig.daemon.http.guard import read_token
 from rig.daemon.http.map import ReliefMap
 from rig.daemon.http.relay import Relay
+from rig.daemon.progress import Loops
 from rig.errors import RigError
 
 _log = logging.getLogger(__name__)
@@ -34,16 +35,21 @@ class HttpError(RigError):
 
 @contextmanager
 def serving(
-    section: HttpServer, board: Board, actions: Actions, spool: BundleStore, dem_paths: Sequence[Path]
+    section: HttpServer,
+    board: Board,
+    actions: Actions,
+    spool: BundleStore,
+    dem_paths: Sequence[Path],
+    loops: Loops | None = None,
 ) -> Iterator[str]:
-    """Serve while the context lasts, and yield the URL; with port 0 the system chooses one.
+    """Serve while the context lasts, and yield the URL; with port 0 the system chooses one. ``loops`` get its beat.
 
     Raises ``ConfigError`` for a token that cannot be used, ``HttpError`` where the address is taken or not this machine's.
     """
     token = read_token(section.token_file) if section.token_file else None
     listening = _listen(section.listen)
     relay, relief = Relay(board), ReliefMap(dem_paths)
-    app = make_app(section, board, actions, spool, relay, relief, token)
+    app = make_app(section, board, actions, spool, relay, relief, token, loops)
     server = uvicorn.Server(
         uvicorn.Config(
             app,

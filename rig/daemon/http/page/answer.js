@@ -7,7 +7,7 @@ const VERDICT = { fix: "FIX", ambiguous: "AMBIGUOUS", none: "NO FIX" };
 
 // `aged` tells how old an answer is at this moment.
 export function isCurrent(answer, aged, online) {
-  return online && answer.fix.status === "fix" && aged(answer) <= answer.valid_s;
+  return online && answer.current && aged(answer) <= answer.valid_s;
 }
 
 export function showAnswer(state, aged, online) {
@@ -37,6 +37,7 @@ function meaning(state, status, old, aged, online) {
   }
   if (status === "none") return `The frames fit no place in this elevation model.${since}`;
   if (!online) return "Without a connection nobody knows whether it still holds.";
+  if (old && state.last.moved_on) return "Here the vehicle was then: it has been seen to move since.";
   if (old) return `Here the vehicle was then. It counts as current for ${duration(state.valid_s)}.`;
   return "";
 }
