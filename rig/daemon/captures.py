@@ -59,8 +59,7 @@ class Captures:
         try:
             with self._signals.shielded():
                 self._make_room()
-                leg = self._odometer.begin(begun_s) if self._odometer else None
-                self._spool.begin_capture(source, leg)
+                self._note(source, begun_s)
         except SpoolError as error:
             self._ended("refused", source, str(error))
             return None
@@ -97,6 +96,17 @@ class Captures:
                     "captured", bundle=bundle, trigger=source, seconds=round(time.monotonic() - begun_s, 1)
                 )
         return bundle
+
+    def _note(self, source: TriggerSource, begun_s: float) -> None:
+        if self._odometer is None:
+            self._spool.begin_capture(source, None)
+            return
+        leg = self._odometer.begin(begun_s)
+        try:
+            self._spool.begin_capture(source, leg, self._odometer.to_json())
+        except SpoolError:
+            self._odometer.take_back()
+            raise
 
     def _make_room(self) -> None:
         try:

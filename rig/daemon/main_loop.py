@@ -20,7 +20,7 @@ from rig.daemon.notify import Notifier
 from rig.daemon.odometry import Odometer
 from rig.daemon.search import Search
 from rig.daemon.search_process import SearchProcess
-from rig.daemon.spool import Spool, SpoolError
+from rig.daemon.spool import ODOMETER, Spool, SpoolError
 from rig.daemon.triggers import Triggers
 from rig.errors import ConfigError
 
@@ -161,7 +161,7 @@ class MainLoop:
             state = self._odometer.to_json()
             if state != self._odometer_saved:
                 try:
-                    self._spool.remember("odometer", state)
+                    self._spool.remember(ODOMETER, state)
                 except SpoolError as error:
                     _log.error("spool fails", problem=str(error))
                 self._odometer_saved = state

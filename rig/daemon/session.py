@@ -22,7 +22,7 @@ from rig.daemon.publishers import publish
 from rig.daemon.rest import RestWatch
 from rig.daemon.search import Search
 from rig.daemon.search_process import SearchProcess
-from rig.daemon.spool import Spool
+from rig.daemon.spool import ODOMETER, Spool
 from rig.daemon.stopping import Signals
 from rig.daemon.triggers import Triggers
 
@@ -78,7 +78,7 @@ def session(config: RigConfig, shared: Shared, started: Callable[[], None]) -> R
             loops.append(("rest", rest.run, SLOW_BEAT_S))
         odometer = None
         if run.odometry:
-            odometer = Odometer(run.odometry, spool.recall("odometer"))
+            odometer = Odometer(run.odometry, spool.recall(ODOMETER))
             listener = OdometryListener(run.odometry, odometer, board.set_moving)
             stack.callback(listener.close)
             loops.append(("odometry", listener.run, USUAL_BEAT_S))

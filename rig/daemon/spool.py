@@ -48,6 +48,8 @@ __all__ = ["BundleState", "Entry", "Spool", "SpoolError", "SpoolFullError"]
 MOST_TRIES = 2
 USUAL_BUNDLE_BYTES = 3_000_000
 ROWS_KEPT = 10_000
+ODOMETER = "odometer"
+"""Under which name the odometer's state is remembered."""
 
 
 class Spool:
@@ -126,10 +128,16 @@ class Spool:
             )
         return f"{self.folder}: the disk is full, and no located bundle is left to delete; make room there"
 
-    def begin_capture(self, trigger: TriggerSource, leg: Movement | None) -> None:
-        """Note why a capture is taken and how the vehicle came here since the last one, before it can be lost."""
+    def begin_capture(
+        self, trigger: TriggerSource, leg: Movement | None, odometer: str | None = None
+    ) -> None:
+        """Note why a capture is taken and how the vehicle came here since the last one, before it can be lost.
+
+        ``odometer`` is the odometer's state after that leg: it is remembered together with the bundle, or not at all, so
+        that no way is counted twice or lost whenever the power fails.
+        """
         with self._transaction() as db:
-            intent = {"trigger": trigger, "leg": leg_json(leg), "boot": boot_id()}
+            intent = {"trigger": trigger, "leg": leg_json(leg), "boot": boot_id(), "odometer": odometer}
             remember(db, "capturing", json.dumps(intent))
 
     def end_capture(self) -> str | None:
@@ -244,6 +252,8 @@ class Spool:
                 intent = json.loads(recall(db, "capturing") or "{}")
                 for name in new:
                     self._take_in(db, name, intent if name == new[-1] else {})
+                if new and intent.get("odometer"):
+                    remember(db, ODOMETER, intent["odometer"])
                 db.execute("DELETE FROM memory WHERE name = 'capturing'")
                 db.execute(
                     "DELETE FROM bundles WHERE NOT here AND number <= (SELECT max(number) FROM bundles) - ?",

@@ -4,13 +4,18 @@ import math
 import socket
 import threading
 import time
+from contextlib import nullcontext
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from localizer.track.odometry import parse_leg
+from rig.daemon.board import Board
+from rig.daemon.captures import Captures
 from rig.daemon.config import OdometryInput
 from rig.daemon.odometry import Odometer, OdometryListener, Velocity, velocity_in
+from rig.daemon.spool import SpoolError
 from rig.errors import MessageError, RigError
 from rig.sensors.nmea import checksum, parse_sentence
 
@@ -183,3 +188,28 @@ def test_a_vehicle_that_moves_is_told_and_one_that_stands_is_not() -> None:
         thread.join()
         listener.close()
     assert len(moving) == 2
+
+
+def test_a_capture_that_the_spool_refuses_takes_nothing_off_the_way() -> None:
+    class FullDisk:
+        refuses_room = False
+
+        def make_room(self) -> list[str]:
+            if self.refuses_room:
+                raise SpoolError("spool: full")
+            return []
+
+        def begin_capture(self, *_: object) -> None:
+            raise SpoolError("index.sqlite: disk I/O error; look at the disk")
+
+    odometer, spool, board = Odometer(SECTION), FullDisk(), Board()
+    signals = SimpleNamespace(shielded=nullcontext)
+    captures = Captures(None, board, spool, signals, None, None, odometer)  # type: ignore[arg-type]
+    now_s = time.monotonic()
+    driven(odometer, 90.0, 10.0, now_s - 20.0, 20.0)
+    for spool.refuses_room in (False, True, False):
+        assert captures.take("rest", lambda: None) is None
+    assert board.snapshot().counts["captures refused"] == 3
+    way = odometer.movement(now_s)
+    assert way is not None
+    assert way.step_m[0] == pytest.approx(200.0)

@@ -1,6 +1,7 @@
 """The spool: what has been measured is never lost without a word, whatever happens when."""
 
 import sqlite3
+import time
 from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
@@ -12,7 +13,9 @@ from localizer.fix import Fix, Stage1Counts
 from localizer.track.odometry import Movement
 from localizer.track.tracker import Tracker
 from rig.daemon.board import Answer
-from rig.daemon.spool import Spool, SpoolError, SpoolFullError
+from rig.daemon.config import OdometryInput
+from rig.daemon.odometry import Odometer, Velocity
+from rig.daemon.spool import ODOMETER, Spool, SpoolError, SpoolFullError
 from rig.readings import Instant
 
 QUOTA_MB = 10
@@ -157,6 +160,31 @@ class TestRestart:
             leg = spool.tracker_for(entry)[1]
             assert leg is not None
             assert leg.step_m.tolist() == [200.0, 10.0]
+
+    @pytest.mark.parametrize("left_a_bundle", [True, False])
+    def test_the_way_to_a_capture_is_counted_once_wherever_the_power_fails(
+        self, tmp_path: Path, left_a_bundle: bool
+    ) -> None:
+        section = OdometryInput()
+        odometer, now_s = Odometer(section), time.monotonic()
+
+        def east(at_s: float) -> None:
+            odometer.velocity(Velocity(10.0, 90.0), at_s)
+
+        for second in range(21):
+            east(now_s + second)
+        with Spool(tmp_path, QUOTA_MB) as spool:
+            spool.remember(ODOMETER, odometer.to_json())
+            leg = odometer.begin(now_s + 20.0)
+            spool.begin_capture("rest", leg, odometer.to_json())
+            if left_a_bundle:
+                put_bundle(spool, "a")  # and the power fails
+        with Spool(tmp_path, QUOTA_MB) as spool:
+            odometer = Odometer(section, spool.recall(ODOMETER))
+            east(now_s + 21.0)
+            on = odometer.movement(now_s + 21.0)
+            assert on is not None
+            assert on.step_m[0] == pytest.approx(10.0 if left_a_bundle else 210.0)
 
     def test_what_was_being_written_or_deleted_goes(self, tmp_path: Path) -> None:
         with Spool(tmp_path, QUOTA_MB) as spool:

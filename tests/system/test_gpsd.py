@@ -1,16 +1,11 @@
 """What gpsd, the program of Debian, makes of our NMEA: read with gpspipe as any client would."""
 
-import json
-import queue
 import socket
-import subprocess
-import threading
-import time
-from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
 
 import pytest
 from fakes.answers import an_answer
+from fakes.gpsd import ellipse, no_position, position, reports_of, time_of
 
 from rig import clock
 from rig.daemon.board import Board
@@ -18,82 +13,6 @@ from rig.daemon.config import NmeaOutput
 from rig.daemon.nmea import publishing
 
 pytestmark = pytest.mark.system
-
-SOON_S = 60.0
-"""A wait that only a failing test lasts out."""
-
-
-class Reports:
-    """What gpspipe prints, one JSON object a line."""
-
-    def __init__(self, process):
-        self._lines = queue.Queue()
-        threading.Thread(
-            target=lambda: [self._lines.put(line) for line in process.stdout], daemon=True
-        ).start()
-
-    def until(self, wanted, seen=None):
-        """The next report for which ``wanted`` holds; those before it are added to ``seen``."""
-        deadline_s = time.monotonic() + SOON_S
-        while (left_s := deadline_s - time.monotonic()) > 0.0:
-            try:
-                line = self._lines.get(timeout=left_s)
-            except queue.Empty:
-                break
-            try:
-                report = json.loads(line)
-            except ValueError:  # gpsd 3.22 forgets a comma in each ATT
-                assert '"class":"ATT"' in line
-                continue
-            if wanted(report):
-                return report
-            if seen is not None:
-                seen.append(report)
-        return pytest.fail("gpsd did not report it")
-
-
-@contextmanager
-def running(*command, **options):
-    process = subprocess.Popen(command, **options)
-    try:
-        yield process
-    finally:
-        process.terminate()
-        process.wait(SOON_S)
-
-
-@contextmanager
-def reports_of(program, source):
-    """gpsd on this source, on a free port, without a control socket; and gpspipe on gpsd."""
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    gpsd = running(str(program("gpsd")), "-N", "-n", "-S", str(port), source, stderr=subprocess.DEVNULL)
-    with gpsd:
-        deadline_s = time.monotonic() + SOON_S
-        while time.monotonic() < deadline_s:
-            with socket.socket() as knocking:
-                if knocking.connect_ex(("127.0.0.1", port)) == 0:
-                    break
-            time.sleep(0.05)
-        pipe = running(str(program("gpspipe")), "-w", f"127.0.0.1:{port}", stdout=subprocess.PIPE, text=True)
-        with pipe as process:
-            yield Reports(process)
-
-
-def position(report):
-    return report["class"] == "TPV" and report["mode"] >= 2
-
-
-def no_position(report):
-    return report["class"] == "TPV" and report["mode"] == 1
-
-
-def ellipse(report):
-    return report["class"] == "GST" and "major" in report
-
-
-def time_of(report):
-    return datetime.fromisoformat(report["time"])
 
 
 @pytest.fixture
