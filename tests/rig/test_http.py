@@ -108,6 +108,13 @@ def test_what_is_no_fix_is_not_current_however_young_and_leaves_the_last_fix_to_
     assert published.get("/fix")["fix"]["status"] == status
 
 
+def test_an_answer_to_a_bundle_that_had_to_wait_does_not_hide_a_newer_fix(published: Published) -> None:
+    published.answered(answer_of(bundle_id(2), age_s=5.0))
+    published.answered(answer_of(bundle_id(1), "none", age_s=4000.0))
+    assert published.get("/fix")["bundle"] == bundle_id(2)
+    assert published.get("/status")["last"]["current"] is True
+
+
 def test_the_state_names_each_device_and_whether_the_rig_is_degraded(published: Published) -> None:
     published.board.set_device("camera", "ok", "camera 640 x 480")
     assert published.get("/status")["degraded"] is False

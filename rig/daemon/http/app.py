@@ -32,6 +32,7 @@ from rig.daemon.http.models import (
     TrackPoint,
     latest_answer,
     log_event,
+    newest,
     state_of,
     track_point,
 )
@@ -133,11 +134,12 @@ class _Page(StaticFiles):
 def _add_state(app: FastAPI, section: HttpServer, board: Board, can_act: bool) -> None:
     @app.get("/fix", tags=["state"], responses=NOT_FOUND)
     async def fix() -> LatestAnswer:
-        """The latest answer, whatever its status, with its age; 404 as long as there is none."""
+        """The answer to the newest capture, whatever its status, with its age; 404 as long as there is none."""
         snapshot = board.snapshot()
-        if snapshot.last is None:
+        last = newest(snapshot)
+        if last is None:
             raise HTTPException(404, "no answer yet: nothing has been located since the start")
-        return latest_answer(snapshot.last, snapshot, section.valid_s, Instant.now())
+        return latest_answer(last, snapshot, section.valid_s, Instant.now())
 
     @app.get("/status", tags=["state"])
     async def status() -> State:

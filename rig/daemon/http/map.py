@@ -7,6 +7,7 @@ import json
 import subprocess
 import sys
 import threading
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -74,4 +75,4 @@ class ReliefMap:
                 f"the map cannot be drawn: {lines[-1] if lines else f'status {process.returncode}'}"
             )
         head, webp = out.split(b"\n", 1)
-        return Relief(MapSheet(**json.loads(head), image="/map/relief.webp"), webp)
+        return Relief(MapSheet(**json.loads(head), image=f"/map/relief.webp?v={zlib.crc32(webp):08x}"), webp)

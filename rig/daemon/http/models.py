@@ -92,7 +92,7 @@ class State(_Part):
     """A device that should work does not."""
     devices: tuple[Device, ...]
     last: LatestAnswer | None
-    """The latest answer, whatever its status."""
+    """The answer to the newest capture that has one, whatever its status."""
     last_fix: LatestAnswer | None
     """The latest answer that is a fix, possibly of long ago: see its age."""
     counts: dict[str, int]
@@ -148,7 +148,7 @@ class MapSheet(_Part):
     lowest_m: float
     highest_m: float
     image: str
-    """Path on this server."""
+    """Path on this server; another one for another picture."""
 
 
 class LogEvent(_Part):
@@ -212,6 +212,12 @@ def latest_answer(answer: Answer, snapshot: Snapshot, valid_s: float, now: Insta
     )
 
 
+def newest(snapshot: Snapshot) -> Answer | None:
+    """The answer to the newest capture: one to a bundle that had to wait in the spool says nothing of the present."""
+    answers = [answer for answer in (snapshot.last_fix, snapshot.last) if answer is not None]
+    return max(answers, key=lambda answer: answer.captured.monotonic_s, default=None)
+
+
 def state_of(snapshot: Snapshot, valid_s: float, can_act: bool, now: Instant) -> State:
     """The board's snapshot with ages."""
 
@@ -237,7 +243,7 @@ def state_of(snapshot: Snapshot, valid_s: float, can_act: bool, now: Instant) ->
             )
             for device in snapshot.devices
         ),
-        last=latest(snapshot.last),
+        last=latest(newest(snapshot)),
         last_fix=latest(snapshot.last_fix),
         counts=dict(snapshot.counts),
         valid_s=valid_s,

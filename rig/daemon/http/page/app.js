@@ -132,6 +132,7 @@ function listen() {
     seen = new Set(); // the numbers begin anew with the daemon
     $("log").replaceChildren();
     refresh();
+    askForMap();
     try {
       (await get("/log")).forEach(note);
     } catch {
@@ -151,12 +152,19 @@ function listen() {
     });
 }
 
-async function mapWhenThere() {
+let mapAsked = false;
+
+// Anew with each connection: the rig may have been given another elevation model.
+async function askForMap() {
+  if (mapAsked) return;
+  mapAsked = true;
   try {
     await loadMap(get);
   } catch (error) {
     say($("map-says"), error.message);
-    setTimeout(mapWhenThere, 10 * AGAIN_MS);
+    setTimeout(askForMap, 10 * AGAIN_MS);
+  } finally {
+    mapAsked = false;
   }
 }
 
@@ -164,7 +172,6 @@ prepareCapture();
 $("lines").onchange = () => $("frames").classList.toggle("no-lines", !$("lines").checked);
 refresh();
 listen();
-mapWhenThere();
 setInterval(refresh, ASK_EVERY_MS);
 setInterval(tick, 1000);
 document.addEventListener("visibilitychange", () => document.hidden || refresh());

@@ -17,13 +17,18 @@ let view = null; // {x, y, scale}: centre, metres a pixel
 let content = { track: [], last: null, lastFix: null, current: false };
 
 export async function loadMap(get) {
-  sheet = await get("/map");
+  const now = await get("/map");
+  if (now.image === sheet?.image) return;
+  const first = sheet === null;
+  sheet = now;
+  view = null;
   $("map").replaceChildren(
     svg("image", { href: sheet.image, x: 0, y: 0, width: width(), height: height(), preserveAspectRatio: "none" }),
     svg("g", { id: "over" }),
   );
   say($("map-says"), "");
   $("scale").hidden = $("north").hidden = false;
+  if (!first) return draw();
   for (const button of document.querySelectorAll("[data-view]")) button.onclick = () => show(button.dataset.view);
   for (const button of document.querySelectorAll("[data-zoom]")) button.onclick = () => zoom(Number(button.dataset.zoom));
   new ResizeObserver(draw).observe($("map"));
