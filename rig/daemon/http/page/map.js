@@ -8,7 +8,7 @@ const STAR = [...Array(10).keys()].map((i) => {
   const r = i % 2 ? 0.45 : 1;
   return `${r * Math.sin((i * Math.PI) / 5)},${-r * Math.cos((i * Math.PI) / 5)}`;
 }).join(" ");
-const FEWEST_M = { near: 400, track: 3000 };
+const FEWEST_M = { near: 40, track: 3000 };
 const SHOWN_OF_TRACK = 30;
 
 let sheet = null;
@@ -68,7 +68,7 @@ function fit() {
   const [xs, ys] = [points.map((p) => p[0]), points.map((p) => p[1])];
   const [west, east, north, south] = [Math.min(...xs), Math.max(...xs), Math.min(...ys), Math.max(...ys)];
   let least = FEWEST_M[wanted] ?? 0;
-  if (wanted === "near" && answer?.fix.status === "fix") least = Math.max(least, 6 * SIGMAS_95 * axes(answer.fix.covariance_m2).major);
+  if (wanted === "near" && answer?.fix.status === "fix") least = Math.max(least, 10 * SIGMAS_95 * axes(answer.fix.covariance_m2).major);
   const margin = wanted === "whole" ? 1 : 1.3;
   const across = Math.max(margin * (east - west), least);
   const down = Math.max(margin * (south - north), least);
