@@ -27,11 +27,13 @@ from sim.faults.player import Stage, playing
 from sim.faults.script import Fault
 from sim.fitted_sensors import FittedChip, FittedTalker
 from sim.mechanics import Attitude, JointState
+from sim.odometer import talking_odometer
 from sim.rig_config import rig_config, run_tables
 from sim.steering import CONTROL_VARIABLE, steered
 from sim.world import World
 
 BAUD = 1_000_000
+SHAKING_MG = 40.0
 DEG_PER_TICK = 360.0 / 4096.0
 RETURN_DELAY_2US = 25
 """What an installer sets it to, in units of 2 us; the factory's 500 us only cost time."""
@@ -95,9 +97,10 @@ class SimulatedRig:
         """The truth at this moment."""
         return self.world.truth_json()
 
-    def shake(self, mg: float) -> None:
-        """The vehicle drives: its inclinometer has so much noise, one sigma; 0 when it stands."""
-        self.world.vehicle.shaken_mg = mg
+    def go(self, speed_m_s: float, course_deg: float) -> None:
+        """The vehicle drives: its odometer says so, and its inclinometer is shaken, until it stands somewhere."""
+        vehicle = self.world.vehicle
+        vehicle.speed_m_s, vehicle.course_deg, vehicle.shaken_mg = speed_m_s, course_deg % 360.0, SHAKING_MG
 
     def stand_at(
         self,
@@ -112,9 +115,11 @@ class SimulatedRig:
         Raises:
             SimulationError: the DEM has no height there.
         """
+        vehicle = self.world.vehicle
         standpoint = self.world.standpoint_at(lat_deg, lon_deg)
+        vehicle.speed_m_s = 0.0
         self.eye.look_from(standpoint)
-        self.world.vehicle.standpoint = standpoint
+        vehicle.standpoint, vehicle.shaken_mg = standpoint, 0.0
         self.world.mechanics.base = Attitude(heading_deg % 360.0, pitch_deg, roll_deg)
         truth = self.truth()
         fresh = self.truth_path.with_suffix(".new")
@@ -217,6 +222,9 @@ def simulated_rig(
             stage.bundle_link.symlink_to(bundle_dir)
             bundle_dir = stage.bundle_link  # so that another disk can be put in its place
         config_path, truth_path = folder / "rig.toml", folder / "truth.json"
+        run = run_tables(dem_paths, bundle_dir.with_name("spool")) if dem_paths else {}
+        if run:
+            running.enter_context(talking_odometer(world, run["run.odometry"]["listen"]))
         config = rig_config(
             world,
             pan_tilt={"port": servo_port.path, "baud": BAUD},
@@ -227,7 +235,7 @@ def simulated_rig(
             camera_source=camera.url,
             bundle_dir=bundle_dir,
             calibration={kind: str(file.absolute()) for kind, file in (calibration or {}).items()},
-            run=run_tables(dem_paths, bundle_dir.with_name("spool")) if dem_paths else {},
+            run=run,
         )
         config_path.write_text(config, encoding="utf-8")
         truth_path.write_text(json.dumps(world.truth_json(), indent=2), encoding="utf-8")

@@ -1,7 +1,7 @@
 """How a simulated rig that runs is driven from another process: a socket that takes one JSON object a line.
 
-    {"do": "shake", "mg": 30.0}                                          the vehicle drives
-    {"do": "stand", "lat_deg": 37.3, "lon_deg": -122.2, "heading_deg": 90.0}   it is elsewhere, and stands
+    {"do": "go", "speed_m_s": 10.0, "course_deg": 90.0}                        the vehicle drives
+    {"do": "stand", "lat_deg": 37.3, "lon_deg": -122.2, "heading_deg": 90.0}   it is there, and stands
     {"do": "truth"}
 
 Each is answered with the truth at that moment, or with ``{"error": "..."}``.
@@ -25,7 +25,7 @@ DRAWING_S = 120.0
 class Steerable(Protocol):
     """What a simulated rig offers to a driver."""
 
-    def shake(self, mg: float) -> None: ...
+    def go(self, speed_m_s: float, course_deg: float) -> None: ...
     def stand_at(
         self, lat_deg: float, lon_deg: float, heading_deg: float, pitch_deg: float, roll_deg: float
     ) -> dict[str, Any]: ...
@@ -65,16 +65,14 @@ def _done(rig: Steerable, line: bytes) -> dict[str, Any]:
     try:
         request = json.loads(line)
         match request.pop("do", None):
-            case "shake":
-                rig.shake(**request)
+            case "go":
+                rig.go(**request)
             case "stand":
-                truth = rig.stand_at(**{"pitch_deg": 0.0, "roll_deg": 0.0, **request})
-                rig.shake(0.0)
-                return truth
+                return rig.stand_at(**{"pitch_deg": 0.0, "roll_deg": 0.0, **request})
             case "truth":
                 pass
             case other:
-                return {"error": f"cannot do {other!r}; shake, stand or truth"}
+                return {"error": f"cannot do {other!r}; go, stand or truth"}
     except (ValueError, TypeError, AttributeError, SimulationError) as error:
         return {"error": str(error)}
     return rig.truth()

@@ -146,9 +146,11 @@ class Standpoint:
 
 @dataclass
 class Vehicle:
-    """What changes when the vehicle drives: where it stands, and how much it shakes meanwhile (one sigma)."""
+    """What changes when the vehicle drives: where it stands, how it moves, how much it shakes meanwhile (one sigma)."""
 
     standpoint: Standpoint
+    speed_m_s: float = 0.0
+    course_deg: float = 0.0
     shaken_mg: float = 0.0
 
 

@@ -19,6 +19,9 @@ settings.load_profile("repeatable" if os.environ.get("CI") else "unhurried")
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Options of the soak test."""
     parser.addoption("--captures", type=int, default=500, help="how many captures the soak test takes")
+    parser.addoption(
+        "--soak-minutes", type=float, default=15.0, help="how long the daemon's soak test goes on"
+    )
     parser.addoption("--soak-seed", type=int, default=1, help="another seed, other faults")
 
 
