@@ -10,7 +10,7 @@ from pyproj import Geod
 
 from sim.errors import SimulationError
 from sim.failures import one_line_failures
-from sim.steering import CONTROL_VARIABLE, steer
+from sim.steering import SOCKET_NAME, steer
 
 _WGS84 = Geod(ellps="WGS84")
 
@@ -37,16 +37,17 @@ def drive(lat_deg: float, lon_deg: float, heading_deg: float | None, seconds: fl
 
     Example: sim run --seed 3 -- sh -c 'rig run & sleep 60; sim drive -- 37.31 -122.21; sleep 60'
     """
-    control = os.environ.get(CONTROL_VARIABLE)
-    if not control:
-        raise SimulationError(f"{CONTROL_VARIABLE} is not set: run this as a command of sim run")
-    here = steer(Path(control), {"do": "truth"})
+    config = os.environ.get("SKYFIX_CONFIG")
+    if not config:
+        raise SimulationError("SKYFIX_CONFIG is not set: run this as a command of sim run")
+    rig = Path(config).with_name(SOCKET_NAME)
+    here = steer(rig, {"do": "truth"})
     course_deg, _, distance_m = _WGS84.inv(here["lon_deg"], here["lat_deg"], lon_deg, lat_deg)
-    steer(Path(control), {"do": "go", "speed_m_s": distance_m / seconds, "course_deg": course_deg})
+    steer(rig, {"do": "go", "speed_m_s": distance_m / seconds, "course_deg": course_deg})
     time.sleep(seconds)
     heading = course_deg if heading_deg is None else heading_deg
     there = steer(
-        Path(control),
+        rig,
         {"do": "stand", "lat_deg": lat_deg, "lon_deg": lon_deg, "heading_deg": heading % 360.0},
     )
     if as_json:

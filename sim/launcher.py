@@ -29,7 +29,7 @@ from sim.fitted_sensors import FittedChip, FittedTalker
 from sim.mechanics import Attitude, JointState
 from sim.odometer import talking_odometer
 from sim.rig_config import rig_config, run_tables
-from sim.steering import CONTROL_VARIABLE, steered
+from sim.steering import SOCKET_NAME, steered
 from sim.world import World
 
 BAUD = 1_000_000
@@ -83,12 +83,8 @@ class SimulatedRig:
 
     @property
     def environment(self) -> dict[str, str]:
-        """The variables of the contract, the socket of ``sim drive``, and the wall clock's where a fault steps it."""
-        paths = {
-            "SKYFIX_CONFIG": self.config_path,
-            "SKYFIX_TRUTH": self.truth_path,
-            CONTROL_VARIABLE: self.config_path.with_name("control.sock"),
-        }
+        """The environment variables of the contract, and the wall clock's where a fault steps it."""
+        paths = {"SKYFIX_CONFIG": self.config_path, "SKYFIX_TRUTH": self.truth_path}
         if self.clock_steps:
             paths["SKYFIX_CLOCK_OFFSET"] = self.stage.clock_file
         return {name: str(path) for name, path in paths.items()}
@@ -254,7 +250,7 @@ def simulated_rig(
             world=world,
             eye=eye,
         )
-        running.enter_context(steered(rig, config_path.with_name("control.sock")))
+        running.enter_context(steered(rig, config_path.with_name(SOCKET_NAME)))
         yield rig
 
 

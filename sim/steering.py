@@ -17,7 +17,8 @@ from typing import Any, Protocol
 
 from sim.errors import SimulationError
 
-CONTROL_VARIABLE = "SKYFIX_SIM_CONTROL"
+SOCKET_NAME = "steering.sock"
+"""Beside the configuration that ``sim run`` writes."""
 DRAWING_S = 120.0
 """Going elsewhere draws the view from there."""
 
