@@ -50,14 +50,18 @@ class PublishedFix:
 def current_fix(snapshot: Snapshot, now: Instant, valid_s: float) -> PublishedFix | None:
     """The fix of the latest capture, where it has not ``lapsed``.
 
-    None where that capture came to no fix: an earlier one may not stand for it. An answer to a bundle of long ago,
-    which had to wait in the spool, says nothing of the present and takes nothing away from it.
+    None where that capture came to no fix: an earlier one may not stand for it.
     """
-    answers = [answer for answer in (snapshot.last_fix, snapshot.last) if answer is not None]
-    latest = max(answers, key=lambda answer: answer.captured.monotonic_s, default=None)
+    latest = newest(snapshot)
     if latest is None or latest.fix.status != "fix" or lapsed(latest, snapshot, now, valid_s):
         return None
     return published(latest)
+
+
+def newest(snapshot: Snapshot) -> Answer | None:
+    """The answer to the newest capture: one to a bundle that had to wait in the spool says nothing of the present."""
+    answers = [answer for answer in (snapshot.last_fix, snapshot.last) if answer is not None]
+    return max(answers, key=lambda answer: answer.captured.monotonic_s, default=None)
 
 
 def lapsed(answer: Answer, snapshot: Snapshot, now: Instant, valid_s: float) -> str | None:

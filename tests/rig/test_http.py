@@ -1,6 +1,7 @@
 """What the daemon says over HTTP, and to whom."""
 
 import json
+import re
 import shutil
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -346,6 +347,20 @@ def test_all_answers_carry_the_security_headers(published: Published) -> None:
 
 
 # ---- the rest
+
+
+def test_the_page_is_there_with_all_that_it_names(published: Published) -> None:
+    asked, wanted = set(), {"/"}
+    while wanted - asked:
+        path = min(wanted - asked)
+        asked.add(path)
+        response = published.client.get(path)
+        assert response.status_code == 200, path
+        assert response.headers["cache-control"] == "no-cache"
+        wanted |= set(re.findall(r'(?:href|src)="(/page/[^"]+)"', response.text))
+        wanted |= {f"/page/{name}" for name in re.findall(r'from "\./([^"]+)"', response.text)}
+        assert not re.search(r"https?://(?!www\.w3\.org/)", response.text), path
+    assert {"/page/style.css", "/page/app.js", "/page/map.js", "/page/words.js"} <= asked
 
 
 def test_the_metrics_tell_counts_ages_and_devices_and_no_age_where_there_is_no_fix(

@@ -32,12 +32,12 @@ from rig.daemon.http.models import (
     TrackPoint,
     latest_answer,
     log_event,
-    newest,
     state_of,
     track_point,
 )
 from rig.daemon.http.relay import Relay, Stream, TooManyStreamsError
 from rig.daemon.progress import Loops
+from rig.daemon.published import newest
 from rig.readings import Instant
 
 PAGE = Path(__file__).parent / "page"

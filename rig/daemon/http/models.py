@@ -18,7 +18,7 @@ from rig.daemon.board import (
     TriggerAnswer,
     TriggerSource,
 )
-from rig.daemon.published import lapsed
+from rig.daemon.published import lapsed, newest
 from rig.daemon.spool_index import BundleState, Entry
 from rig.readings import Instant
 
@@ -210,12 +210,6 @@ def latest_answer(answer: Answer, snapshot: Snapshot, valid_s: float, now: Insta
         valid_s=valid_s,
         moved_on=moved is not None and moved.monotonic_s > answer.captured.monotonic_s,
     )
-
-
-def newest(snapshot: Snapshot) -> Answer | None:
-    """The answer to the newest capture: one to a bundle that had to wait in the spool says nothing of the present."""
-    answers = [answer for answer in (snapshot.last_fix, snapshot.last) if answer is not None]
-    return max(answers, key=lambda answer: answer.captured.monotonic_s, default=None)
 
 
 def state_of(snapshot: Snapshot, valid_s: float, can_act: bool, now: Instant) -> State:

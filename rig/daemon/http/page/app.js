@@ -33,15 +33,20 @@ async function get(path) {
   return response.json();
 }
 
-let asking = null;
+let asking = false;
+let again = false;
 
 // One question at a time; what happens meanwhile is answered by the next.
 async function refresh() {
-  if (asking) return;
+  if (asking) {
+    again = true;
+    return;
+  }
   const moment = { monotonic: performance.now(), wall: Date.now() };
-  asking = get("/status");
+  asking = true;
+  again = false;
   try {
-    state = await asking;
+    state = await get("/status");
     received = moment; // when it was asked: nothing looks younger than it is
     setOnline(true);
     await showState();
@@ -49,9 +54,10 @@ async function refresh() {
     if (error.status === undefined) setOnline(false);
     else say($("frames-say"), error.message);
   } finally {
-    asking = null;
+    asking = false;
   }
   tick();
+  if (again && online) refresh();
 }
 
 function setOnline(now) {
