@@ -22,6 +22,9 @@ HEARTBEAT_EVERY_S = 1.0
 HEARD_WITHIN_S = 5.0
 """An autopilot whose heartbeat is missing for so long is gone (the MAVLink guide says four to five)."""
 POLL_EVERY_S = 0.2
+ANSWERED_WITHIN_S = 1.5
+MOST_TIMES = 3
+"""A command whose acknowledgement is missing is sent again (MAVLink's command protocol), with its age then."""
 MOST_READS = 500
 """In one round: an autopilot that streams to us must not keep us from speaking."""
 LOOP_LONGEST_S = 30.0
@@ -93,6 +96,8 @@ class _Publisher:
         if fix is not None and fix.captured.monotonic_s > self._sent_up_to_s:
             session.send_fix(fix, now)
             self._sent_up_to_s = fix.captured.monotonic_s
+        elif fix is not None:
+            session.send_again(fix, now)
         last = snapshot.last
         if last is not None and last.bundle != self._seen:
             self._seen = last.bundle
@@ -115,6 +120,9 @@ class _Session:
         self._opened_s = time.monotonic()
         self._heard_s: float | None = None
         self._due_s = self._opened_s
+        self._awaited_s: float | None = None
+        """Until when the acknowledgement of the latest fix may come; None where none is missing."""
+        self._times = 0
 
     @property
     def heard(self) -> bool:
@@ -140,10 +148,27 @@ class _Session:
     def send_fix(self, fix: PublishedFix, now: Instant) -> None:
         """Send a fix in each of the configured ways."""
         if "EXTERNAL_POSITION_ESTIMATE" in self._section.messages:
-            self._mav.send(external_position_estimate(self._common, fix, now, self._section.system_id))
+            self._command(fix, now)
+            self._times = 1
         if "GPS_INPUT" in self._section.messages:
             self._mav.send(gps_input(self._common, fix, now.utc))
         self._board.count("mavlink fixes sent")
+
+    def send_again(self, fix: PublishedFix, now: Instant) -> None:
+        """Send the command of the latest fix again where an autopilot is heard that should have answered it."""
+        if self._awaited_s is None or now.monotonic_s < self._awaited_s or not self.heard:
+            return
+        if self._times == MOST_TIMES:
+            self._awaited_s = None
+            self._board.count("mavlink fixes unanswered")
+            _log.warning("mavlink: the autopilot does not answer the fix of %s", fix.bundle)
+            return
+        self._command(fix, now)
+        self._times += 1
+
+    def _command(self, fix: PublishedFix, now: Instant) -> None:
+        self._mav.send(external_position_estimate(self._common, fix, now, self._section.system_id))
+        self._awaited_s = now.monotonic_s + ANSWERED_WITHIN_S
 
     def _take(self, message: Any) -> None:
         if message.get_srcSystem() != self._section.system_id:
@@ -155,6 +180,9 @@ class _Session:
                 self._acknowledged(message.result)
 
     def _acknowledged(self, result: int) -> None:
+        if self._awaited_s is None:  # of one that was sent again, and is answered twice
+            return
+        self._awaited_s = None
         if result == self._common.MAV_RESULT_ACCEPTED:
             self._board.count("mavlink fixes accepted")
             return

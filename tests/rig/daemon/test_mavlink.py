@@ -179,6 +179,31 @@ def test_the_board_tells_whether_the_autopilot_is_heard_and_takes_the_fixes(monk
         until(lambda: link_of(board).state == "failing")
 
 
+def test_a_command_that_is_not_answered_is_sent_again_with_its_age_then(monkeypatch, caplog):
+    monkeypatch.setattr(mavlink, "ANSWERED_WITHIN_S", 0.3)
+    monkeypatch.setattr(mavlink, "HEARD_WITHIN_S", SOON_S)
+    board = Board()
+    with linked(board) as autopilot:
+        autopilot.until("HEARTBEAT")
+        autopilot.beat()
+        until(lambda: link_of(board).state == "ok")
+        board.set_answer(an_answer("a", age_s=9.0))
+        first, second = autopilot.until("COMMAND_INT"), autopilot.until("COMMAND_INT")
+        assert (first.x, first.y) == (second.x, second.y)
+        assert second.param2 > first.param2 + 0.25
+        for _ in range(2):  # one to each
+            autopilot.say(common.MAVLink_command_ack_message(43003, common.MAV_RESULT_ACCEPTED))
+        until(lambda: board.snapshot().counts.get("mavlink fixes accepted"))
+        board.set_answer(an_answer("b", age_s=5.0))
+        until(lambda: board.snapshot().counts.get("mavlink fixes unanswered"))
+        for _ in range(2):
+            autopilot.until("HEARTBEAT")
+        assert autopilot.count("COMMAND_INT") <= 2 + 1 + mavlink.MOST_TIMES
+        counts = board.snapshot().counts
+        assert (counts["mavlink fixes sent"], counts["mavlink fixes accepted"]) == (2, 1)
+    assert "does not answer the fix of b" in caplog.text
+
+
 def test_a_link_that_breaks_is_opened_again_and_a_current_fix_still_sent(monkeypatch):
     monkeypatch.setattr(mavlink, "LEAST_RETRY_S", 0.05)
     board = Board()
