@@ -15,7 +15,7 @@ from localizer.dem import load_dem
 from localizer.dem_info import dem_info, info_fields, info_text, suspect_zeros, zeros_note
 from localizer.dem_options import dem_options
 from localizer.predict.command import predict
-from localizer.report import load_truth, report
+from localizer.report import frame_notes, load_truth, report
 
 
 def main() -> NoReturn:
@@ -101,6 +101,8 @@ def locate(
     from localizer.locate import locate_bundle  # slow to import, and bad input should be told at once
 
     result = locate_bundle(bundle, dem)
+    for note in frame_notes(result.details):
+        click.echo(f"localizer: {note}", err=True)
     click.echo(result.fix.to_json() if as_json else report(result.fix, dem, truth))
     if plot_path is not None or report_folder is not None:
         images = {frame.label: frame_image(bundle, frame) for frame in bundle.frames}

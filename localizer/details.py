@@ -8,6 +8,9 @@ from numpy.typing import NDArray
 
 from localizer.fix import Fix
 
+CONTRADICTS = 0.4
+"""A frame of which less than this share of the columns fits a place contradicts it."""
+
 
 @dataclass(frozen=True)
 class FrameDetail:
@@ -26,6 +29,10 @@ class FrameDetail:
     """(m,) its row there; may lie outside the image."""
     errors_deg: tuple[float, float, float] | None = None
     """Of azimuth, tilt and roll, this frame's own beside the biases, reading minus truth; None where not solved for."""
+    agreement: float | None = None
+    """Share of the columns used that fit the place found, by what the sensors say; None where there is no telling."""
+    left_out: bool = False
+    """Whether the search did without this frame, because it contradicts the others."""
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from localizer.bundle import Bundle, frame_image
 from localizer.camera import camera_to_world, project
+from localizer.contradiction import Settled, settle_frames
 from localizer.dem import Dem
 from localizer.details import FrameDetail, LocateDetails, LocateResult, SolvedErrors
 from localizer.fix import Candidate, Fix, Nuisance, Position, Stage1Counts
@@ -93,8 +94,13 @@ def locate_bundle(bundle: Bundle, dem: Dem) -> LocateResult:
     observation = observe(bundle, skylines)
     located = locate(terrain, observation)
     timing = {**watch.seconds, **located.timing_s}
-    fix = fix_of(terrain, observation, located, bundle.id, timing)
-    return LocateResult(fix, _details(terrain, bundle, observation, skylines, located, fix))
+    with watch.part("frames"):
+        settled = settle_frames(
+            terrain, observation, located, lambda fewer: locate(terrain, fewer, everywhere=False)
+        )
+    timing["frames"] = watch.seconds["frames"]
+    fix = fix_of(terrain, observation, settled.located, bundle.id, timing)
+    return LocateResult(fix, _details(terrain, bundle, observation, skylines, settled))
 
 
 def load_kernels(terrain: Terrain) -> None:
@@ -144,8 +150,11 @@ def observe(bundle: Bundle, skylines: list[Skyline]) -> Observation:
     )
 
 
-def locate(terrain: Terrain, observation: Observation) -> Located:
-    """Search the whole DEM for the place from which the terrain has the observed skyline."""
+def locate(terrain: Terrain, observation: Observation, *, everywhere: bool = True) -> Located:
+    """Search the whole DEM for the place from which the terrain has the observed skyline.
+
+    Not ``everywhere``: only the cells that stage 1 leaves, which is quick.
+    """
     watch = _Watch()
     seen = tuple(frame_contour(frame) for frame in observation.frames if len(frame.u_px) > 1)
     if not seen:
@@ -164,7 +173,7 @@ def locate(terrain: Terrain, observation: Observation) -> Located:
             _within_prior(terrain, observation),
         )
     decision, best = _among(terrain, observation, seen, skyline, stage1.last, offsets, watch)
-    if decision.status == "none" and len(stage1.last) < len(stage1.survivors["altitude"]):
+    if everywhere and decision.status == "none" and len(stage1.last) < len(stage1.survivors["altitude"]):
         # A central column may show a cloud or a tree: let whole curves speak about every cell at the right altitude.
         decision, best = _among(
             terrain, observation, seen, skyline, stage1.survivors["altitude"], offsets, watch
@@ -455,17 +464,18 @@ def _details(
     bundle: Bundle,
     observation: Observation,
     skylines: list[Skyline],
-    located: Located,
-    fix: Fix,
+    settled: Settled,
 ) -> LocateDetails:
     """What the picture shows: found and predicted skylines, survivors and candidates."""
+    located = settled.located
     best = located.best
     errors = iter(best.frame_errors_deg) if best else iter(())
     frames = []
     for frame, skyline in zip(observation.frames, skylines, strict=True):
         found = np.isfinite(skyline.row_px)
         u = v = np.zeros(0)
-        solved = best is not None and len(frame.u_px) > 1
+        left_out = frame.label == settled.left_out
+        solved = best is not None and len(frame.u_px) > 1 and not left_out
         own = next(errors) if solved else np.zeros(3)
         if best is not None:
             attitude = (
@@ -488,6 +498,8 @@ def _details(
                 predicted_u_px=u,
                 predicted_v_px=v,
                 errors_deg=(float(own[0]), float(own[1]), float(own[2])) if solved else None,
+                agreement=settled.agreement.get(frame.label),
+                left_out=left_out,
             )
         )
     # the best one has been refined once more, with all columns

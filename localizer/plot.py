@@ -120,6 +120,8 @@ def draw_frame(axes: Axes, image: NDArray[np.uint8], frame: FrameDetail, residua
     axes.set_xticks([])
     axes.set_yticks([])
     residual = "" if residual_px is None else f"     residual {residual_px:.2f} px"
+    if frame.left_out:
+        residual = "     left out: it contradicts the others"
     axes.set_title(f"{frame.label}{residual}", fontsize=11, loc="left", pad=4)
 
 

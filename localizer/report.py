@@ -11,6 +11,7 @@ from pyproj.exceptions import CRSError
 
 from localizer.crs import transform_xy
 from localizer.dem import Dem
+from localizer.details import CONTRADICTS, LocateDetails
 from localizer.errors import SkyfixError
 from localizer.fix import Fix, Position
 from localizer.geodesy import meridian_convergence_deg
@@ -107,6 +108,23 @@ def report(fix: Fix, dem: Dem, truth: Truth | None = None) -> str:
     ]
     lines += _search_lines(fix)
     return "\n".join(lines)
+
+
+def frame_notes(details: LocateDetails) -> list[str]:
+    """What a person should know of single frames, one line each; none where all of them were used and agree."""
+    notes = []
+    for frame in details.frames:
+        share = "" if frame.agreement is None else f"{100.0 * frame.agreement:.0f} %"
+        if np.count_nonzero(frame.used) < 2:
+            notes.append(f"frame {frame.label}: no usable skyline was found in it")
+        elif frame.left_out:
+            notes.append(
+                f"frame {frame.label}: left out, for it contradicts the others; {share} of its skyline fits the place "
+                "that they agree on; look at its picture, azimuth, tilt and roll"
+            )
+        elif frame.agreement is not None and frame.agreement < CONTRADICTS:
+            notes.append(f"frame {frame.label}: only {share} of its skyline fits the place found")
+    return notes
 
 
 STATUS_IN_WORDS = {

@@ -31,7 +31,7 @@ from localizer.export.tables import (
     timing_table,
 )
 from localizer.fix import Fix, Status
-from localizer.report import Truth, lat_lon, sigmas_off
+from localizer.report import Truth, frame_notes, lat_lon, sigmas_off
 
 MEANING: dict[Status, str] = {
     "fix": "One place stands out: from there the terrain has the skyline of the frames, and from nowhere else in this "
@@ -70,6 +70,7 @@ def page(
         {
             "label": detail.label,
             "image": _base64(frame_picture(images[detail.label], detail, fix.residual.get(detail.label))),
+            "left_out": detail.left_out,
             "caption": f"{detail.label}: azimuth {frame.azimuth_deg:.2f}°, tilt {frame.tilt_deg:+.2f}°, "
             f"roll {frame.roll_deg:+.2f}° by the sensors; {np.count_nonzero(detail.used)} of "
             f"{bundle.camera.width_px} columns used",
@@ -81,7 +82,7 @@ def page(
         headline=_headline(fix),
         meaning=MEANING[fix.status],
         facts=_facts(result, dem, places, truth),
-        warnings=_warnings(result),
+        warnings=frame_notes(result.details),
         taken=f"{bundle.created:%Y-%m-%d %H:%M:%S} UTC",
         dem_text=_dem_text(dem),
         files=[{"name": name, "what": what} for name, what in files],
@@ -139,15 +140,6 @@ def _facts(
         sigmas = "" if fix.covariance_m2 is None else f"  ({sigmas_off(fix, truth, dem):.1f} sigma)"
         facts.append(("true error", f"{truth.distance_m(position, dem):.1f} m{sigmas}"))
     return facts
-
-
-def _warnings(result: LocateResult) -> list[str]:
-    """What a person should look at first."""
-    blind = [frame.label for frame in result.details.frames if np.count_nonzero(frame.used) < 2]
-    warnings = []
-    if blind:
-        warnings.append(f"No usable skyline was found in {', '.join(blind)}.")
-    return warnings
 
 
 def _dem_text(dem: Dem) -> str:

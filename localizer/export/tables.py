@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from localizer.bundle import Bundle
-from localizer.details import LocateResult, SolvedErrors
+from localizer.details import CONTRADICTS, FrameDetail, LocateResult, SolvedErrors
 from localizer.export.places import Place
 from localizer.observation import NO_COMPASS_SIGMA_DEG
 
@@ -127,6 +127,7 @@ def frame_table(result: LocateResult, bundle: Bundle) -> Table:
             frame.label,
             f"{100.0 * len(detail.found_u_px) / width_px:.0f} %",
             Cell(f"{100.0 * np.count_nonzero(detail.used) / width_px:.0f} %", far=not detail.used.any()),
+            _agreement(detail),
             "" if residual_px is None else f"{residual_px:.2f} px",
         ]
         sigmas = (frame.azimuth_sigma_deg, frame.tilt_sigma_deg, frame.roll_sigma_deg)
@@ -143,6 +144,7 @@ def frame_table(result: LocateResult, bundle: Bundle) -> Table:
             "frame",
             "columns with a skyline",
             "columns used",
+            "fits",
             "residual, rms",
             "azimuth error (sigmas)",
             "tilt error (sigmas)",
@@ -150,6 +152,13 @@ def frame_table(result: LocateResult, bundle: Bundle) -> Table:
         ),
         rows,
     )
+
+
+def _agreement(frame: FrameDetail) -> Cell:
+    if frame.agreement is None:
+        return Cell("left out" if frame.left_out else "", far=frame.left_out)
+    share = f"{100.0 * frame.agreement:.0f} %"
+    return Cell(f"{share}, left out" if frame.left_out else share, far=frame.agreement < CONTRADICTS)
 
 
 def fit_table(errors: SolvedErrors) -> Table:

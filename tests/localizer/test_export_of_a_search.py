@@ -97,3 +97,18 @@ def test_the_details_of_a_search_hold_what_the_report_shows(seen, santa_cruz_fil
     assert details.errors.dem_error_m < 1.0
     for frame in details.frames:
         assert np.abs(frame.errors_deg).max() < 0.03
+
+
+def test_a_frame_that_contradicts_is_named_and_the_place_is_found_without_it(run, seen, santa_cruz_file):
+    fields = json.loads((seen / "bundle.json").read_text())
+    fields["frames"][1]["tilt_deg"] += 2.0
+    (seen / "bundle.json").write_text(json.dumps(fields))
+    folder = seen / "report"
+    status, out, err = run("locate", seen, "--dem", santa_cruz_file, "--json", "--report", folder)
+    assert status == 0
+    assert err.startswith("localizer: frame E: left out, for it contradicts the others")
+    assert err.count("\n") == 1
+    fix = json.loads(out)
+    assert sorted(fix["residual"]) == ["N", "S", "W"]
+    assert (fix["position"]["row"], fix["position"]["col"]) == pytest.approx(PLACE, abs=0.3)
+    assert "frame E: left out" in (folder / "report.html").read_text()

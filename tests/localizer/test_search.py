@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from localizer.camera import camera_to_world, project
+from localizer.contradiction import Settled, settle_frames
 from localizer.dem import load_dem
 from localizer.fix import Fix
 from localizer.geodesy import rowcol_to_lonlat
@@ -175,6 +176,54 @@ def test_a_frame_whose_centre_is_hidden_does_not_lose_the_place(terrain):
     located = locate(terrain, spoilt)
     assert located.decision.status == "fix"
     assert error_cells(located) < 0.3
+
+
+def settled(terrain: Terrain, observation: Observation) -> Settled:
+    located = locate(terrain, observation)
+    return settle_frames(
+        terrain, observation, located, lambda fewer: locate(terrain, fewer, everywhere=False)
+    )
+
+
+def with_tilt_misread(terrain: Terrain) -> Observation:
+    observation = observe(terrain)
+    first, wrong, *others = observation.frames
+    return dataclasses.replace(
+        observation, frames=(first, dataclasses.replace(wrong, tilt_deg=wrong.tilt_deg + 2.0), *others)
+    )
+
+
+def with_a_view_of_elsewhere(terrain: Terrain) -> Observation:
+    observation, elsewhere = observe(terrain), observe(terrain, (200.0, 600.0))
+    other = dataclasses.replace(observation.frames[1], v_px=elsewhere.frames[2].v_px[:600])
+    other = dataclasses.replace(other, u_px=other.u_px[:600], sigma_px=other.sigma_px[:600])
+    return dataclasses.replace(observation, frames=(observation.frames[0], other, *observation.frames[2:]))
+
+
+@pytest.mark.parametrize("spoil", [with_tilt_misread, with_a_view_of_elsewhere])
+def test_a_frame_that_contradicts_the_others_is_left_out_and_named(terrain, spoil):
+    answer = settled(terrain, spoil(terrain))
+    assert answer.left_out == "frame 1"
+    assert answer.agreement["frame 1"] < 0.4
+    assert min(answer.agreement[f"frame {number}"] for number in (0, 2, 3)) > 0.8
+    assert answer.located.decision.status == "fix"
+    assert error_cells(answer.located) < 0.1
+
+
+def test_frames_that_agree_are_all_kept(terrain):
+    answer = settled(terrain, observe(terrain))
+    assert answer.left_out is None
+    assert min(answer.agreement.values()) > 0.9
+
+
+def test_leaving_out_a_frame_makes_no_fix_of_a_place_outside_the_dem(terrain):
+    dem = terrain.dem
+    elsewhere = dataclasses.replace(
+        dem, z_m=np.where(np.arange(dem.cols)[None, :] < 300, dem.z_m, np.float32(np.nan)).astype(np.float32)
+    )
+    answer = settled(prepare_terrain(elsewhere), observe(terrain, (250.0, 500.0)))
+    assert answer.left_out is None
+    assert answer.located.decision.status == "none"
 
 
 def test_without_an_altimeter_the_place_is_still_found(terrain):
