@@ -52,9 +52,14 @@ def run_of(config: RigConfig, path: Path) -> RunSection:
     return config.run
 
 
-def start_worker(run: RunSection, beat: Callable[[], None] = lambda: None) -> SearchProcess:
+def start_worker(run: RunSection) -> SearchProcess:
+    """A search process, which has still to read its DEM."""
+    return SearchProcess(run.dem, run.search.memory_mb, run.search.time_s)
+
+
+def worker_with_terrain(run: RunSection, beat: Callable[[], None]) -> SearchProcess:
     """A search process that has read its DEM. ``SearchFailedError`` where it cannot."""
-    worker = SearchProcess(run.dem, run.search.memory_mb, run.search.time_s)
+    worker = start_worker(run)
     worker.beat = beat
     try:
         worker.wait_terrain()
@@ -97,20 +102,28 @@ class MainLoop:
     def run(self, beat: Callable[[], None], started: Callable[[], None]) -> Following:
         """Take captures as they are asked for. Raises what another loop ended with.
 
-        ``started`` is called when all devices have been tried, so that whoever waits for the daemon may ask for a capture then;
-        one that keeps it waiting does so for ``TRYING_S`` at most.
+        ``started`` is called when the DEM has been read and all devices have been tried, so that whoever waits for the daemon
+        may ask for a capture then; a device that keeps it waiting does so for ``TRYING_S`` at most. Raises
+        ``SearchFailedError`` before that where the DEM cannot be used.
         """
         self._board.set_activity("connecting")
         connecting, tried_s = True, time.monotonic() + TRYING_S
         due_s = time.monotonic() if self._run.every_s else None
         while True:
             beat()
-            if connecting and (all_tried(self._board) or time.monotonic() > tried_s):
-                connecting = False
-                self._board.set_activity("idle")
-                started()
+            if connecting and self._search.terrain.done():
+                self._search.terrain.result()
+                if all_tried(self._board) or time.monotonic() > tried_s:
+                    connecting = False
+                    self._board.set_activity("idle")
+                    started()
             self._between_captures()
-            if due_s is not None and time.monotonic() >= due_s and obstacle(self._board) is None:
+            if (
+                due_s is not None
+                and not connecting
+                and time.monotonic() >= due_s
+                and obstacle(self._board) is None
+            ):
                 assert self._run.every_s
                 self._triggers.trigger("interval")
                 due_s = max(due_s + self._run.every_s, time.monotonic())
@@ -142,7 +155,7 @@ class MainLoop:
             config = load_config(self._path)
             run = run_of(config, self._path)
             same = (run.dem, run.search) == (self._run.dem, self._run.search)
-            return Following(config, None if same else start_worker(run, beat))
+            return Following(config, None if same else worker_with_terrain(run, beat))
         except SkyfixError as error:
             refused(self._board, str(error))
             self._notifier.ready(self._status)

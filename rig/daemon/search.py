@@ -3,6 +3,7 @@
 import math
 import threading
 from collections.abc import Callable
+from concurrent.futures import Future
 from datetime import datetime
 
 import structlog
@@ -35,7 +36,11 @@ class Search:
     def __init__(
         self, spool: Spool, board: Board, start: Callable[[], SearchProcess], worker: SearchProcess
     ) -> None:
-        """``worker`` has been started by ``start``, which is called again where it is lost."""
+        """``worker`` has been started by ``start``, which is called again where it is lost.
+
+        ``terrain`` is done when it has read the DEM, with ``SearchFailedError`` where that cannot be used.
+        """
+        self.terrain: Future[None] = Future()
         self._spool = spool
         self._board = board
         self._start = start
@@ -54,6 +59,13 @@ class Search:
                 raise _StoppedError
             beat()
 
+        try:
+            self._read_terrain(going_on)
+        except _StoppedError:
+            return
+        except SearchFailedError as error:
+            self.terrain.set_exception(error)
+            return
         while not stop.is_set():
             try:
                 going_on()
@@ -66,6 +78,12 @@ class Search:
                 for _ in range(round(PAUSE_S / IDLE_S)):
                     if not stop.wait(IDLE_S):
                         beat()
+
+    def _read_terrain(self, beat: Callable[[], None]) -> None:
+        assert self.worker
+        self.worker.beat = beat
+        self.worker.wait_terrain()
+        self.terrain.set_result(None)
 
     def _step(self, beat: Callable[[], None]) -> None:
         worker = self._ready_worker(beat)

@@ -139,16 +139,14 @@ def test_a_daemon_that_is_killed_is_followed_by_one_that_picks_up_everything(
         for name in visible - complete:
             assert load_bundle(bundles / name).id == name
         complete = visible
+    hectic_rig.write_text(hectic_rig.read_text().replace("every_s = 0.1", "every_s = 3600.0"))
     with running_daemon(hectic_rig, tmp_path / "log") as daemon:
-        daemon.until(lambda status: status["counts"].get("captures done"), "at work again")
+        daemon.until_idle(answers=1)
         assert daemon.stop() == 0
     with Spool(daemon.spool, 2000) as spool:
         entries = {entry.bundle: entry for entry in spool.entries(10_000)}
         assert complete <= set(entries)
         assert {path.name for path in bundles.iterdir()} == set(entries)
-        failed = [entry for entry in entries.values() if entry.state == "failed"]
-        assert failed == []
-        located = sum(entry.state == "located" for entry in entries.values())
-    assert located > len(entries) // 2
+        assert {entry.state for entry in entries.values()} == {"located"}
     assert complete
-    print(f"{KILLS_OF_THE_DAEMON} kills, {len(entries)} bundles, {located} of them located")
+    print(f"{KILLS_OF_THE_DAEMON} kills, {len(entries)} bundles")

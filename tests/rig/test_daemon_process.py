@@ -31,15 +31,27 @@ def daemon(quick: Quick, tmp_path: Path) -> Iterator[Daemon]:
         yield daemon
 
 
-def test_a_trigger_comes_to_an_answer_and_a_stop_in_the_middle_of_the_next_is_safe(
+def test_bad_configurations_are_refused_a_trigger_is_answered_and_a_stop_in_the_next_is_safe(
     quick: Quick, daemon: Daemon
 ) -> None:
+    daemon.until_ready()
+    good = daemon.config_path.read_text()
+    bad = good.replace("[pan_tilt]", "[pan_tlit]"), good.replace(str(EMBEDDED_DEM), "nowhere.tif")
+    for number, text in enumerate(bad, 1):
+        daemon.config_path.write_text(text)
+        daemon.process.send_signal(signal.SIGHUP)
+        daemon.until_counted("configurations refused", number)
+    daemon.config_path.write_text(good.replace("mast_height_m = 2.0", "mast_height_m = 2.5"))
+    daemon.process.send_signal(signal.SIGHUP)
+    daemon.until(lambda status: "configuration read anew" in daemon.log.read_text(), "read anew")
+
     daemon.until_ready()
     assert daemon.ask("trigger") == {"answer": "started"}
     assert daemon.ask("trigger") == {"answer": "busy"}
     status = daemon.until_idle(answers=1)
     (folder,) = (daemon.spool / "bundles").iterdir()
     assert status["last"]["bundle"] == load_bundle(folder).id
+    assert load_bundle(folder).mast_height_m == 2.5  # the configuration that was read anew
     assert status["last"]["fix"]["status"] == "none"  # these hills are nowhere
     assert status["last"]["trigger"] == "command"
     assert 0.0 < status["last"]["age_s"] < 3600.0

@@ -124,6 +124,13 @@ class TestLoop:
         assert counts["search processes started"] == 1
         assert [entry.tries for entry in spool.entries(2)] == [1, 2]
 
+    def test_a_dem_that_cannot_be_read_ends_the_loop_and_whoever_waits_hears_why(self, spool: Spool) -> None:
+        worker = SearchProcess([Path("bad.tif")], 256, IN_TIME_S, FAKE)
+        search = Search(spool, Board(), lambda: pytest.fail("started anew"), worker)
+        search.run(lambda: None, threading.Event())
+        with pytest.raises(SearchFailedError, match=r"bad\.tif: does not exist"):
+            search.terrain.result(0.0)
+
     def test_what_fails_twice_is_kept_and_does_not_hold_up_the_next(self, spool: Spool) -> None:
         board = self.located(spool, "crash", "z")
         assert board.snapshot().counts["searches failed"] == 2

@@ -79,6 +79,7 @@ def test_soak(request: pytest.FixtureRequest, daemon: Daemon) -> None:
     end_s = time.monotonic() + 60.0 * request.config.getoption("--soak-minutes")
     measured: list[tuple[float, int, int]] = []
     captures = 0
+    daemon.until(lambda status: status["activity"] != "starting", "up")
     while time.monotonic() < end_s:
         time.sleep(0.5)
         status = daemon.status()

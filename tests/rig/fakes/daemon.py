@@ -56,6 +56,10 @@ class Daemon:
             lambda status: all(d["state"] in ("ok", "absent") for d in status["devices"]), "ready"
         )
 
+    def until_counted(self, what: str, number: int) -> None:
+        """Wait until something has happened so often."""
+        self.until(lambda status: status["counts"].get(what, 0) >= number, f"counted {number} {what}")
+
     def until_idle(self, answers: int) -> dict[str, Any]:
         """Its status, once so many bundles have been answered and nothing goes on."""
 
