@@ -114,6 +114,10 @@ class Servo(Section):
     min_deg: Annotated[float, Field(ge=-180.0, le=180.0)]
     max_deg: Annotated[float, Field(ge=-180.0, le=180.0)]
 
+    def angle_deg(self, tick: int) -> float:
+        """The joint angle at a position."""
+        return (tick - self.zero_tick) * 360.0 / 4096 * self.direction
+
     @model_validator(mode="after")
     def _limits_are_a_range_that_the_servo_reaches(self) -> Self:
         if self.min_deg >= self.max_deg:

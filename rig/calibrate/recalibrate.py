@@ -16,13 +16,12 @@ from rig.accelerometer import AccelerometerCorrection
 from rig.attitude import HeadLevel, tilt_roll_deg
 from rig.bundle_writer import FrameRecord, Measurement, require_writable, write_bundle
 from rig.calibration import AppliedCalibration, CalibrationError, parse_calibration
-from rig.config import InclinometerSection, RigConfig, Servo, with_calibrations
+from rig.config import InclinometerSection, RigConfig, with_calibrations
 from rig.kinematics import Head, JointAngles
 from rig.measure import MeanPressure, altitude_from
 from rig.readings import HeadingReading
 from rig.standing import MeanField, Standing, Stop, standing_from
 
-TICK_DEG = 360.0 / 4096.0
 Record = dict[str, Any]
 
 
@@ -163,11 +162,7 @@ def _pressure(record: Record) -> MeanPressure:
 
 def _joints(ticks: Sequence[int], config: RigConfig) -> JointAngles:
     pan, tilt = config.pan_tilt.pan, config.pan_tilt.tilt
-    return JointAngles(_angle_deg(ticks[0], pan), _angle_deg(ticks[1], tilt))
-
-
-def _angle_deg(tick: int, servo: Servo) -> float:
-    return (tick - servo.zero_tick) * TICK_DEG * servo.direction
+    return JointAngles(pan.angle_deg(ticks[0]), tilt.angle_deg(ticks[1]))
 
 
 def _triple(values: Sequence[float]) -> tuple[float, float, float]:

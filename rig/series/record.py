@@ -15,6 +15,7 @@ import fcntl
 import json
 import os
 import secrets
+import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
@@ -183,7 +184,7 @@ def load_series(folder: Path) -> Series:
 
 @contextmanager
 def held(folder: Path) -> Iterator[Series]:
-    """The series in a folder, for this process alone, without a line that a power cut tore.
+    """The series in a folder, for this process alone, without a line that a power cut tore and what was half written then.
 
     ``SeriesError`` where another process has it.
     """
@@ -195,6 +196,10 @@ def held(folder: Path) -> Iterator[Series]:
             raise SeriesError(f"{path}: another process is taking this series; wait for it") from error
         content = file.read()
         file.truncate(content.rfind(b"\n") + 1)
+        for partial in folder.glob("bundles/.*.partial"):
+            shutil.rmtree(partial)
+        for partial in folder.glob("previews/.*.partial"):
+            partial.unlink()
         yield load_series(folder)
 
 

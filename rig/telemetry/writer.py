@@ -81,7 +81,7 @@ class _Recorder:
         """Write what waits, and finish the file."""
         self._end.set()
         self._thread.join(END_S)
-        if self._lost:
+        if self._lost and not self._failed:
             _say(f"{self._path}: {self._lost} messages lost: the disk is too slow")
 
     def _run(self) -> None:

@@ -26,8 +26,7 @@ from rig.config import (
 )
 from rig.config import Servo as ServoSection
 from rig.connect import open_altimeter, open_compass, open_inclinometer
-from rig.dynamixel.control_table import TICKS_PER_TURN
-from rig.dynamixel.servo import Servo, ServoState, read_states, require_models
+from rig.dynamixel.servo import Servo, read_states, require_models
 from rig.dynamixel.servo_bus import ServoBus
 from rig.measure import altitude_from, read_level, read_pressure
 from rig.readings import FieldReading, HeadingReading
@@ -92,7 +91,7 @@ def _read_head(bus: ServoBus, servos: Mapping[str, Servo], joints: Mapping[str, 
     warnings: list[str] = []
     values: dict[str, Any] = {}
     for (name, servo), state in zip(servos.items(), states, strict=True):
-        values[f"{name}_deg"] = round(_angle_deg(joints[name], state), 3)
+        values[f"{name}_deg"] = round(joints[name].angle_deg(state.position_tick), 3)
         if state.alert:
             warnings += [f"{servo.name}: {error}" for error in retry(servo.hardware_errors)]
     values |= {
@@ -103,10 +102,6 @@ def _read_head(bus: ServoBus, servos: Mapping[str, Servo], joints: Mapping[str, 
         "ticks": [state.position_tick for state in states],
     }
     return Reading(values, states[0].monotonic_s, tuple(warnings))
-
-
-def _angle_deg(joint: ServoSection, state: ServoState) -> float:
-    return (state.position_tick - joint.zero_tick) * 360.0 / TICKS_PER_TURN * joint.direction
 
 
 @contextmanager

@@ -1,34 +1,15 @@
 """``rig calibrate`` and ``rig bundle`` as a crew meets them."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from fakes.command import Run
 from fakes.whole_rig import FakeRig, running_rig
 
-from rig.cli import main
 from rig.config import load_config
 
-Run = Callable[..., tuple[int, str, str]]
 VEHICLE = Path(__file__).parents[2] / "configs" / "vehicle.toml"
-
-
-@pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Run:
-    """Runs ``rig`` in this process: exit status, standard output, standard error."""
-    monkeypatch.delenv("SKYFIX_CONFIG", raising=False)
-    monkeypatch.chdir(tmp_path)
-
-    def rig(*arguments: str | Path) -> tuple[int, str, str]:
-        monkeypatch.setattr("sys.argv", ["rig", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        printed = capsys.readouterr()
-        assert isinstance(ended.value.code, int)
-        return ended.value.code, printed.out, printed.err
-
-    return rig
 
 
 @pytest.mark.parametrize("command", ["camera", "inclinometer", "compass", "altimeter", "boresight", "board"])
