@@ -1,10 +1,18 @@
 """Compiled kernels: numba's njit with the settings that all of them share, typed."""
 
+import logging
+import os
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
 
+from localizer.errors import SkyfixError
+
+_log = logging.getLogger(__name__)
+
+T = TypeVar("T")
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
@@ -19,3 +27,24 @@ def kernel(*, parallel: bool = False, inline: bool = False) -> Callable[[Functio
             cache=True, parallel=parallel, error_model="numpy", inline="always" if inline else "never"
         ),
     )
+
+
+def with_sound_kernels(load: Callable[[], T]) -> T:
+    """What ``load`` gives, which calls kernels: once more with freshly compiled ones where those on disk are damaged.
+
+    Where the power fails soon after kernels were compiled, files without their content are left, and numba stumbles over
+    them at every later start. Only a folder that was made for them (``NUMBA_CACHE_DIR``) is emptied.
+    """
+    try:
+        return load()
+    except SkyfixError:
+        raise
+    except Exception as error:
+        folder = os.environ.get("NUMBA_CACHE_DIR")
+        kept = [*Path(folder).rglob("*.nb[ci]")] if folder else []
+        if not kept:
+            raise
+        _log.warning("compiled kernels are damaged (%s: %s): compiled anew", type(error).__name__, error)
+        for file in kept:
+            file.unlink(missing_ok=True)
+        return load()

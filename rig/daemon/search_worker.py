@@ -26,6 +26,7 @@ from localizer.dem import load_dem
 from localizer.errors import SkyfixError
 from localizer.horizon.from_image import find_skyline
 from localizer.horizon.from_terrain import Terrain, prepare_terrain
+from localizer.jit import with_sound_kernels
 from localizer.locate import load_kernels, observe
 from localizer.track.report import track_line
 from localizer.track.tracker import Tracker, follow
@@ -48,12 +49,13 @@ def main() -> None:
     requests: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
     threading.Thread(target=_receive, args=(requests,), daemon=True).start()
     try:
-        terrain = prepare_terrain(load_dem([Path(file) for file in requests.get()["dem"]]))
+        dem = load_dem([Path(file) for file in requests.get()["dem"]])
+        terrain = with_sound_kernels(lambda: prepare_terrain(dem))
     except SkyfixError as error:
         _send(out, {"error": str(error)})
         return
     _send(out, {"terrain": {"cells": int(terrain.height_m.size)}})
-    load_kernels(terrain)
+    with_sound_kernels(lambda: load_kernels(terrain))
     _send(out, {"ready": True})
     while True:
         request = requests.get()
