@@ -51,7 +51,6 @@ def publishing(section: MavlinkOutput, board: Board, loops: Loops | None = None)
     finally:
         stop.set()
         thread.join(timeout=2.0 * POLL_EVERY_S + HEARTBEAT_EVERY_S)  # longer where a name is being looked up
-        board.set_device(NAME, "absent", "nothing is sent")
 
 
 class _Publisher:

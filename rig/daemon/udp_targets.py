@@ -44,7 +44,6 @@ class UdpTarget:
 
     def close(self) -> None:
         """Send no more."""
-        self._board.set_device(self._name, "absent", "nothing is sent")
         if self._socket is not None:
             self._socket.close()
 

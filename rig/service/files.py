@@ -16,6 +16,8 @@ from rig.errors import RigError
 
 State = Literal["absent", "installed", "another version", "changed by hand"]
 
+SPOOL = "/var/lib/skyfix/spool"
+"""A service writes below /var only."""
 _HEAD = "# Put here by rig service install, which replaces it: make no changes here. sha256 of the rest: "
 
 
@@ -45,14 +47,17 @@ class ServiceFile:
 def service_files() -> list[ServiceFile]:
     """All of them, for the installation that this program runs in."""
     units = resources.files("rig.service") / "units"
-    unit = _started_by((units / "skyfix.service").read_text(encoding="utf-8"), program())
+    unit = _with(
+        r"ExecStart=\S+", f"ExecStart={program()}", (units / "skyfix.service").read_text(encoding="utf-8")
+    )
+    example = (resources.files("rig.service") / "vehicle.toml").read_text(encoding="utf-8")
     texts = {
         "etc/sysusers.d/skyfix.conf": (units / "skyfix.sysusers").read_text(encoding="utf-8"),
         "etc/tmpfiles.d/skyfix.conf": (units / "skyfix.tmpfiles").read_text(encoding="utf-8"),
         "etc/udev/rules.d/70-skyfix.rules": (units / "70-skyfix.rules").read_text(encoding="utf-8"),
         "etc/systemd/system/skyfix.service": unit,
-        "etc/skyfix/vehicle.example.toml": (resources.files("rig.service") / "vehicle.toml").read_text(
-            encoding="utf-8"
+        "etc/skyfix/vehicle.example.toml": _with(
+            'dir = "spool".*', f'dir = "{SPOOL}"    # bundles and the index of their answers', example
         ),
     }
     return [ServiceFile(Path(path), _with_head(text.encode())) for path, text in texts.items()]
@@ -68,9 +73,10 @@ def program() -> Path:
     return path
 
 
-def _started_by(unit: str, rig: Path) -> str:
-    changed, number = re.subn(r"(?m)^ExecStart=\S+", f"ExecStart={rig}", unit)
-    assert number == 1, "skyfix.service has one ExecStart"
+def _with(pattern: str, line: str, text: str) -> str:
+    """The text with the one line that begins so changed: what this installation, or a service, wants otherwise."""
+    changed, number = re.subn(f"(?m)^{pattern}", line, text)
+    assert number == 1, pattern
     return changed
 
 

@@ -258,7 +258,7 @@ def test_a_serial_port_that_is_unplugged_is_a_fault_on_the_board(monkeypatch):
         os.close(port)
         os.close(controller)
         until(lambda: link_of(board).state == "failing")
-        assert "serial port" in link_of(board).detail
+    assert "serial port" in link_of(board).detail
 
 
 def test_noise_on_the_link_is_no_matter():
@@ -320,7 +320,6 @@ def test_the_loop_gives_proof_of_its_work(monkeypatch):
         until(lambda: link_of(board).state == "failing")
         assert loops.stuck() == ()
     assert loops.stuck() == ()
-    assert link_of(board).state == "absent"
 
 
 FIX = published(

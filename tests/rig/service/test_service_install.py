@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from rig.cli import main
+from rig.config import load_config
 from rig.errors import RigError
 from rig.service import files, reach
 
@@ -59,6 +60,15 @@ def test_the_service_starts_this_installation(service: Run, tmp_path: Path) -> N
     service("install")
     started = re.findall("^ExecStart=(.*)$", (tmp_path / UNIT).read_text(), re.M)
     assert started == [f"{sys.prefix}/bin/rig run"]
+
+
+def test_the_example_is_a_configuration_with_the_spool_where_a_service_may_write(
+    service: Run, tmp_path: Path
+) -> None:
+    service("install")
+    run = load_config(tmp_path / "etc/skyfix/vehicle.example.toml").run
+    assert run is not None
+    assert run.spool.dir == Path("/var/lib/skyfix/spool")
 
 
 def test_installing_again_changes_nothing(service: Run, tmp_path: Path) -> None:
