@@ -28,6 +28,7 @@ def take_series(series: Series, take: Take, say: Callable[[str], None]) -> Itera
         if found is not None:
             say(f"bundle {number} of {series.plan.repeat} was there already: {found.id}")
             yield series.taken(number, None, found, readings(found))
+            due_s = time.monotonic() + _still_waits_s(series)
             continue
         wait_s = due_s - time.monotonic()
         if wait_s > 1.0:

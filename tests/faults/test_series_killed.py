@@ -1,5 +1,6 @@
 """A series whose process is killed again and again, as by power cuts, comes to its end with every number taken once."""
 
+import contextlib
 import json
 import os
 import signal
@@ -15,7 +16,7 @@ from fakes.simulated import quick_rig, world
 from localizer.bundle import load_bundle
 from rig.bundle_facts import bundles_in
 from rig.series.record import load_series
-from rig.telemetry.reading import TelemetryFile
+from rig.telemetry.reading import TelemetryFile, TelemetryReadError
 
 BUNDLES = 8
 KILLS = 5
@@ -57,9 +58,11 @@ def test_a_series_that_is_killed_again_and_again(tmp_path: Path) -> None:
     assert sorted(path.name for path in series.bundles.iterdir()) == [path.name for path in bundles]
     assert len(list((folder / "previews").iterdir())) == len(taken)
     assert json.loads((folder / "summary.json").read_text())["taken"] == len(taken)
-    sessions = [
-        TelemetryFile(path) for path in tmp_path.glob("session*.mcap") if path.stat().st_size > 50_000
-    ]
-    read = [sum(1 for _ in session) for session in sessions]
-    assert min(read) > 0
-    assert any(session.problem for session in sessions), "a killed process leaves a file that is cut off"
+    problems = []
+    for path in tmp_path.glob("session*.mcap"):
+        session = TelemetryFile(path)
+        with contextlib.suppress(TelemetryReadError):  # killed before its first second was written
+            assert sum(1 for _ in session) > 0
+            problems.append(session.problem)
+    assert None in problems
+    assert any(problems), "a killed process leaves a file that is cut off, and readable"
