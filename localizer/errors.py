@@ -8,3 +8,7 @@ class SkyfixError(Exception):
     """
 
     exit_status: int = 2
+
+    def __str__(self) -> str:
+        """The message in one printable line, whatever it cites from a file."""
+        return "".join(c if c.isprintable() else " " for c in super().__str__())
