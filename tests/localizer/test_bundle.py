@@ -1,5 +1,8 @@
 import hashlib
 import json
+import os
+import struct
+import zlib
 from datetime import UTC, datetime, timedelta, timezone
 
 import cv2
@@ -67,6 +70,14 @@ def test_no_altimeter_no_compass_and_a_prior_are_said_as_the_contract_says_them(
         (lambda b: b["camera"].update(fx_px="492.8"), "camera.fx_px", "number"),
         (lambda b: b["camera"].update(cx_px=float("nan")), "camera.cx_px", "finite"),
         (lambda b: b["camera"].update(width_px=640.5), "camera.width_px", "integer"),
+        (lambda b: b["camera"].update(width_px=32768, height_px=32768), "camera", "150 megapixels"),
+        (lambda b: b["camera"].update(fx_px=1e-9), "camera", "field of view of 180 deg"),
+        (lambda b: b["camera"].update(fy_px=1e6), "camera", "field of view of 0.0"),
+        (lambda b: b["camera"].update(cx_px=1e9), "camera", "far outside"),
+        (lambda b: b["camera"].update(distortion=[0.0, 0.0, 1.0, 1.0, 0.0]), "camera", "folds"),
+        (lambda b: b["frames"][0].update(label="altitude"), "frames[0].label", "step of the search"),
+        (lambda b: b["frames"][0].update(label="N\x1b[2J"), "frames[0].label", "control characters"),
+        (lambda b: b["frames"][0].update(file="frames/N\0.png"), "frames[0].file", "control characters"),
         (lambda b: b["camera"].update(distortion=[0.0] * 4), "camera.distortion[4]", "required"),
         (lambda b: b.update(created="2026-11-23T04:31:51"), "created", "Z"),
         (lambda b: b.update(created="2026-11-23T06:31:51+02:00"), "created", "UTC"),
@@ -123,6 +134,47 @@ def test_a_link_that_leads_outside_is_refused(bundle_dir, edit_bundle):
     (bundle_dir / "frames/N.png").symlink_to(outside)
     with pytest.raises(BundleError, match=r"frames\[N\]\.file: .*outside the bundle"):
         load_bundle(bundle_dir)
+
+
+def test_a_link_to_itself_and_a_pipe_are_refused(bundle_dir):
+    file = bundle_dir / "frames/N.png"
+    file.unlink()
+    file.symlink_to(file)
+    with pytest.raises(BundleError, match=r"frames\[N\]\.file: "):
+        load_bundle(bundle_dir)
+    file.unlink()
+    os.mkfifo(file)
+    with pytest.raises(BundleError, match=r"frames\[N\]\.file: .*pipe"):
+        load_bundle(bundle_dir)
+
+
+def test_a_small_file_that_claims_to_be_a_gigantic_picture_is_not_decoded(bundle_dir, edit_bundle):
+    header = struct.pack(">IIBBBBB", 60_000, 60_000, 8, 2, 0, 0, 0)
+    content = b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        for kind, data in ((b"IHDR", header), (b"IDAT", zlib.compress(bytes(1_000_000))), (b"IEND", b""))
+    )
+    (bundle_dir / "frames/N.png").write_bytes(content)
+    edit_bundle(lambda b: b["frames"][0].update(sha256=hashlib.sha256(content).hexdigest()))
+    with pytest.raises(BundleError, match=r"frames\[N\]\.file: .*not a picture that can be read"):
+        load_bundle(bundle_dir)
+
+
+@pytest.mark.parametrize("kind", ["grey", "16 bits", "16 bits grey", "transparent"])
+def test_pictures_of_other_kinds_show_the_same(bundle_dir, edit_bundle, kind):
+    picture = np.repeat(np.arange(192, dtype=np.uint8).reshape(12, 16, 1), 3, axis=2)
+    stored = {
+        "grey": picture[..., 0],
+        "16 bits": picture.astype(np.uint16) * 257,
+        "16 bits grey": picture[..., 0].astype(np.uint16) * 257,
+        "transparent": np.dstack([picture, np.zeros((12, 16), np.uint8)]),
+    }[kind]
+    content = cv2.imencode(".png", stored)[1].tobytes()
+    (bundle_dir / "frames/N.png").write_bytes(content)
+    bundle = load_bundle(
+        edit_bundle(lambda b: b["frames"][0].update(sha256=hashlib.sha256(content).hexdigest()))
+    )
+    assert np.array_equal(frame_image(bundle, bundle.frames[0]), picture)
 
 
 @pytest.mark.parametrize("content", [b"", b"not a picture", b"\x89PNG\r\n\x1a\n"])

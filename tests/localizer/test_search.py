@@ -10,13 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from localizer.bundle import load_bundle
 from localizer.camera import camera_to_world, project
 from localizer.contradiction import Settled, settle_frames
 from localizer.dem import load_dem
 from localizer.fix import Fix
 from localizer.geodesy import rowcol_to_lonlat
+from localizer.horizon.from_image import ColumnState, Skyline
 from localizer.horizon.from_terrain import Terrain, horizon, prepare_terrain
 from localizer.locate import fix_of, locate
+from localizer.locate import observe as observation_of
 from localizer.observation import FrameObservation, Observation, PriorCircle
 from localizer.search.contours import frame_contour, measured_skyline
 from localizer.search.refine import Problem, refine, usual_noise
@@ -294,3 +297,10 @@ def test_refinement_comes_home_from_two_cells_away(terrain):
         settle=True,
     )
     assert np.hypot(refined.row - PLACE[0], refined.col - PLACE[1]) < 0.1
+
+
+def test_an_altimeter_said_to_be_exact_is_not_taken_at_its_word(edit_bundle):
+    bundle = load_bundle(edit_bundle(lambda b: b["altitude"].update(sigma_m=0.0)))
+    nothing = np.full(16, np.nan)
+    blind = Skyline(nothing, nothing, np.zeros(16), np.full(16, ColumnState.NO_SKY, np.uint8))
+    assert observation_of(bundle, [blind, blind]).altitude_sigma_m > 0.0
