@@ -30,8 +30,9 @@ END_S = 3.0
 """Loops that have not ended by then when the daemon ends, end with the process."""
 RELOAD_END_S = 30.0
 WISH_POLL_S = 0.25
-USUAL_BEAT_S, SLOW_BEAT_S = 30.0, 120.0
-"""From one sign of life to the next: of a loop that only waits; of one that opens devices or moves the head."""
+USUAL_BEAT_S, SLOW_BEAT_S, CAPTURE_BEAT_S = 30.0, 120.0, 300.0
+"""From one sign of life to the next: of a loop that only waits; of one that opens devices; of captures, where levelling and
+heading are one step, of several moves, repetitions and recoveries, on a computer that may be busy."""
 
 Run = Callable[[Callable[[], None], threading.Event], None]
 
@@ -87,7 +88,7 @@ def session(config: RigConfig, shared: Shared, started: Callable[[], None]) -> R
         main_loop = MainLoop(
             run, shared.path, board, shared.notifier, triggers, captures, search, spool, odometer, inbox
         )
-        with _running(loops, shared, stop, inbox), shared.loops.watched("captures", SLOW_BEAT_S):
+        with _running(loops, shared, stop, inbox), shared.loops.watched("captures", CAPTURE_BEAT_S):
             try:
                 following = main_loop.run(partial(shared.loops.beat, "captures"), started)
             finally:

@@ -21,7 +21,7 @@ NAMESPACES = [
     "--mount-proc",
     "--kill-child",
 ]
-BOOT_S, COMMAND_S = 60.0, 600.0
+BOOT_S, COMMAND_S, PATIENCE_S = 60.0, 600.0, 600.0
 
 
 class Booted:
@@ -52,7 +52,7 @@ class Booted:
         """What the service has written."""
         return self.run("journalctl", "--unit=skyfix", "--output=cat", "--no-pager", check=False).stdout
 
-    def until(self, expected: str, *command: str, within_s: float = 240.0) -> str:
+    def until(self, expected: str, *command: str, within_s: float = PATIENCE_S) -> str:
         """Repeat a command until its output contains something."""
         deadline_s = time.monotonic() + within_s
         while time.monotonic() < deadline_s:
