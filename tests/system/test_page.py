@@ -209,6 +209,7 @@ def test_a_drive_with_a_simulated_rig(window: Callable[[str], object], tmp_path:
                 lambda: page.does("document.querySelectorAll('#devices .ok').length") == 5, "all devices ok"
             )
 
+            page.until(lambda: can_capture(page), "ready")
             page.does("document.getElementById('capture').click()")
             enter_token(page, "wrong" * 5)
             page.until_says("ask-why", "refused")
@@ -219,7 +220,7 @@ def test_a_drive_with_a_simulated_rig(window: Callable[[str], object], tmp_path:
 
             truth = rig.truth()
             rig.stand_at(truth["lat_deg"] + 0.004, truth["lon_deg"] - 0.003, heading_deg=310.0)
-            page.until(lambda: not page.does("document.getElementById('capture').disabled"), "ready again")
+            page.until(lambda: can_capture(page), "ready again")
             page.does("document.getElementById('capture').click()")  # the token is known by now
             page.until(lambda: page.text("place") not in (where, ""), "another fix")
 
@@ -236,6 +237,10 @@ def test_a_drive_with_a_simulated_rig(window: Callable[[str], object], tmp_path:
             ]  # the refused token
             assert daemon.stop() == 0
             page.until_says("offline", "No connection")
+
+
+def can_capture(page: Page) -> bool:
+    return not page.does("document.getElementById('capture').disabled")
 
 
 def enter_token(page: Page, token: str) -> None:

@@ -47,7 +47,7 @@ export function showPlace(state) {
   const last = state.last;
   const fix = last?.fix;
   const shown = fix?.status === "fix";
-  $("place").replaceChildren(...(shown ? latLon(fix.position).map((text) => element("span", {}, text)) : []));
+  $("place").replaceChildren(...(shown ? latLon(fix.position).flatMap((text) => [element("span", {}, text), " "]) : []));
   $("candidates").hidden = fix?.status !== "ambiguous";
   $("facts").hidden = fix?.status === "ambiguous";
   $("facts").replaceChildren(...(last ? facts(last) : []));
