@@ -156,6 +156,9 @@ def all_tried(board: Board) -> bool:
 
 
 def obstacle(board: Board) -> str | None:
-    """Why no capture is possible: the needed devices that do not work."""
-    missing = [d.name for d in board.snapshot().devices if d.name in NEEDED and d.state != "ok"]
+    """Why no capture is possible: the daemon has not started yet, or needed devices do not work."""
+    now = board.snapshot()
+    if now.activity in ("starting", "connecting"):
+        return "still starting"
+    missing = [d.name for d in now.devices if d.name in NEEDED and d.state != "ok"]
     return f"{', '.join(missing)} not ready" if missing else None

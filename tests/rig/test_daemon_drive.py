@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fakes.daemon import Daemon, add_keys, running_daemon
+from fakes.daemon import LONG_PATIENCE_S, Daemon, add_keys, running_daemon
 
 from localizer.fix import Fix
 from sim.cli import EMBEDDED_DEM
@@ -50,12 +50,15 @@ def rig(tmp_path: Path) -> Iterator[SimulatedRig]:
     world = World.create([EMBEDDED_DEM], Scenario(), 3)
     with simulated_rig(world, bundle_dir=tmp_path / "bundles", dem_paths=[EMBEDDED_DEM]) as rig:
         add_keys(rig.config_path, "run.rest", still_s=STILL_S)
+        add_keys(
+            rig.config_path, "run.search", time_s=LONG_PATIENCE_S
+        )  # how long it takes is not the question here
         yield rig
 
 
 @pytest.fixture
 def daemon(rig: SimulatedRig, tmp_path: Path) -> Iterator[Daemon]:
-    with running_daemon(rig.config_path, tmp_path / "log") as daemon:
+    with running_daemon(rig.config_path, tmp_path / "log", patience_s=LONG_PATIENCE_S) as daemon:
         yield daemon
 
 

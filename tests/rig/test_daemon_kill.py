@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fakes import search_worker
-from fakes.daemon import add_keys, running_daemon
+from fakes.daemon import LONG_PATIENCE_S, add_keys, running_daemon
 from fakes.simulated import quick_rig, world
 
 from localizer.bundle import Camera, load_bundle
@@ -129,7 +129,7 @@ def test_a_daemon_that_is_killed_is_followed_by_one_that_picks_up_everything(
 ) -> None:
     rng, complete = np.random.default_rng(2), set[str]()
     for _ in range(KILLS_OF_THE_DAEMON):
-        with running_daemon(hectic_rig, tmp_path / "log") as daemon:
+        with running_daemon(hectic_rig, tmp_path / "log", patience_s=LONG_PATIENCE_S) as daemon:
             daemon.until(lambda status: status["activity"] == "capturing", "capturing")
             time.sleep(float(rng.uniform(0.0, 12.0)))
             daemon.stop(signal.SIGKILL)
@@ -140,7 +140,7 @@ def test_a_daemon_that_is_killed_is_followed_by_one_that_picks_up_everything(
             assert load_bundle(bundles / name).id == name
         complete = visible
     hectic_rig.write_text(hectic_rig.read_text().replace("every_s = 0.1", "every_s = 3600.0"))
-    with running_daemon(hectic_rig, tmp_path / "log") as daemon:
+    with running_daemon(hectic_rig, tmp_path / "log", patience_s=LONG_PATIENCE_S) as daemon:
         daemon.until_idle(answers=1)
         assert daemon.stop() == 0
     with Spool(daemon.spool, 2000) as spool:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fakes.daemon import Daemon, add_keys, running_daemon
+from fakes.daemon import LONG_PATIENCE_S, Daemon, add_keys, running_daemon
 from fakes.simulated import quick_rig, world
 
 from sim.cli import EMBEDDED_DEM
@@ -68,7 +68,7 @@ def daemon(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Daemon]:
         add_keys(quick.rig.config_path, "capture", directions=[ahead_deg, (ahead_deg + 25) % 360])
         add_keys(quick.rig.config_path, "run", every_s=2.0, retry_most_s=4.0, check_every_s=5.0)
         add_keys(quick.rig.config_path, "run.spool", quota_mb=20)
-        with running_daemon(quick.rig.config_path, tmp_path / "log") as daemon:
+        with running_daemon(quick.rig.config_path, tmp_path / "log", patience_s=LONG_PATIENCE_S) as daemon:
             yield daemon
         assert quick.torques == [0, 0]
 

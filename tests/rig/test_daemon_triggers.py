@@ -171,6 +171,7 @@ class Watched:
 
     def __init__(self, devices: FakeDevices) -> None:
         self.board, self.hardware, self.devices = Board(), Hardware(), devices
+        self.board.set_activity("idle")
         run = RunSection.model_validate(
             {"dem": ["x.tif"], "retry_least_s": 0.01, "retry_most_s": 0.05, "check_every_s": 0.05}
         )
@@ -203,6 +204,12 @@ def watched() -> Iterator[Watched]:
 
 
 class TestDevices:
+    def test_before_the_daemon_has_started_there_is_no_capture(self) -> None:
+        board = Board()
+        assert obstacle(board) == "still starting"
+        board.set_activity("idle")
+        assert obstacle(board) is None
+
     def test_one_that_comes_is_found_and_one_that_goes_is_missed(self, watched: Watched) -> None:
         watched.until(head="ok", camera="failing", compass="failing", altimeter="absent")
         assert obstacle(watched.board) == "camera not ready"

@@ -14,8 +14,8 @@ from rig.config import load_config
 from rig.daemon.control import ControlError, ask
 from sim.command import find_command, search_path
 
-PATIENCE_S = 120.0
-"""For anything that a daemon does; only a defect takes so long, or a machine that is very busy."""
+PATIENCE_S, LONG_PATIENCE_S = 120.0, 900.0
+"""For anything that a daemon does; only a defect takes so long, or a machine that is very busy. The second for long tests."""
 
 
 @dataclass
@@ -27,6 +27,7 @@ class Daemon:
     control: Path
     spool: Path
     log: Path
+    patience_s: float = PATIENCE_S
 
     def ask(self, wish: str) -> dict[str, Any]:
         """What it answers over its socket."""
@@ -37,7 +38,7 @@ class Daemon:
 
     def until(self, true: Callable[[dict[str, Any]], object], what: str) -> dict[str, Any]:
         """Its status, once that is as expected."""
-        deadline_s = time.monotonic() + PATIENCE_S
+        deadline_s = time.monotonic() + self.patience_s
         while time.monotonic() < deadline_s:
             assert self.process.poll() is None, f"ended before {what}: {self.log.read_text()}"
             try:
@@ -53,7 +54,11 @@ class Daemon:
     def until_ready(self) -> dict[str, Any]:
         """Its status, once all that a capture needs works."""
         return self.until(
-            lambda status: all(d["state"] in ("ok", "absent") for d in status["devices"]), "ready"
+            lambda status: (
+                status["activity"] == "idle"
+                and all(d["state"] in ("ok", "absent") for d in status["devices"])
+            ),
+            "ready",
         )
 
     def until_counted(self, what: str, number: int) -> None:
@@ -77,9 +82,12 @@ class Daemon:
 
 @contextmanager
 def running_daemon(
-    config_path: Path, log: Path, environment: Mapping[str, str] | None = None
+    config_path: Path,
+    log: Path,
+    environment: Mapping[str, str] | None = None,
+    patience_s: float = PATIENCE_S,
 ) -> Iterator[Daemon]:
-    """``rig run``, killed at the end of the context if it still runs."""
+    """``rig run``, killed at the end of the context if it still runs. ``patience_s``: of all waiting for it."""
     run = load_config(config_path).run
     assert run
     assert run.control
@@ -91,7 +99,7 @@ def running_daemon(
             text=True,
         )
     try:
-        yield Daemon(process, config_path, run.control, run.spool.dir, log)
+        yield Daemon(process, config_path, run.control, run.spool.dir, log, patience_s)
     finally:
         if process.poll() is None:
             process.kill()
