@@ -3,7 +3,7 @@
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,17 @@ from localizer.horizon.from_terrain import Terrain, horizon, horizon_around, pre
 from localizer.observation import FrameObservation, Observation, PriorCircle
 from localizer.search.contours import BINS, FrameContour, MeasuredSkyline, frame_contour, measured_skyline
 from localizer.search.decide import Decision, decide, explains
-from localizer.search.refine import LIKELY_FROM, Noise, Problem, Refined, places_around, refine, usual_noise
+from localizer.search.error_model import ErrorModel
+from localizer.search.refine import (
+    FIRST_LENGTH_CELLS,
+    LIKELY_FROM,
+    Noise,
+    Problem,
+    Refined,
+    places_around,
+    refine,
+    usual_noise,
+)
 from localizer.search.stage1 import Band, Stage1, bands, half_cell_relief, heading_offsets_deg, search_stage1
 from localizer.search.stage2 import Scored, apart, search_stage2
 
@@ -45,12 +55,15 @@ CONTEST_COLUMNS = 480
 CONTENDERS = 5
 CONTEST_MARGIN = 0.5
 """A start whose columns are less likely than the best one's by this much each (in logarithms) is no contender."""
-LOOK_ABOUT_CELLS = (1.5, 0.375)
+LOOK_ABOUT_CELLS = (2.4, 0.4)
 """How far around a fit other places are tried for a better one, and how far apart these are."""
 LOOK_ABOUT_STARTS = 3
-QUIET = 0.2
-"""The least that is taken for a DEM's error in that, in terms of what is usual."""
-FEW_ASTRAY, CLEARLY_FEWER = 0.9, 0.05
+FINALISTS = 2
+BLUNTING_PER_M = 10.0
+"""By how much the log-likelihood of peaks close to each other is divided for each metre of the DEM's error: the error model is
+only about right, and what a horizon does where one ridge hides another depends on details that it does not have."""
+LOOK_ABOUT_ERRORS = (0.2, 1.5)
+"""What is taken for a DEM's error in that, in terms of what is usual."""
 SAME_PLACE_CELLS = 2.0
 SMALLEST_SIGMA_M = 0.01
 """Of an altimeter; less is a promise that nobody keeps and that the equations cannot be solved with."""
@@ -304,17 +317,57 @@ def _settle(
 def _best_nearby(full: Problem, middle: Problem, coarse: Problem, found: Refined, largest: float) -> Refined:
     """The best place around a fit, with all columns, its noise estimated there.
 
-    A fit beside the best place may have taken its misfit for the DEM's error. Where it leaves many columns astray, one
-    more search takes hardly any such error for granted, and its fit counts if it leaves clearly fewer.
+    A fit beside the best place may have taken its misfit for the DEM's error, and a larger error leaves it no reason to move.
+    So the search about it takes several sizes for granted, each of the places found has its own noise estimated, and the
+    likeliest under its own counts.
     """
-    stride = max(1, round(len(full.sigma_rad) / len(middle.sigma_rad)))
-    noise = Noise(found.dem_error_m, max(1.0, found.correlation_columns / stride), found.error_model)
-    loud = _again(full, _nearby(middle, coarse, found, noise, largest), largest, settle=True, likely_from=0)
-    if loud.inlier_share >= FEW_ASTRAY:
-        return loud
-    noise = usual_noise(full.terrain, QUIET * full.terrain.usual_error_m)
-    quiet = _again(full, _nearby(middle, coarse, found, noise, largest), largest, settle=True, likely_from=0)
-    return quiet if quiet.inlier_share > loud.inlier_share + CLEARLY_FEWER else loud
+    usual = full.terrain.usual_error_m
+    length_m = FIRST_LENGTH_CELLS * full.terrain.cell_m
+    ratio = len(middle.sigma_rad) / len(full.sigma_rad)
+    correlation = max(1.0, found.correlation_columns * ratio)
+    noises = [Noise(found.dem_error_m, correlation, found.error_model)] + [
+        Noise(share * usual, correlation, ErrorModel(0.1 * share * usual, share * usual, length_m))
+        for share in LOOK_ABOUT_ERRORS
+    ]
+    around = places_around(coarse, found, noises, *LOOK_ABOUT_CELLS, LOOK_ABOUT_STARTS)
+    fits = [
+        refine(
+            middle,
+            row,
+            col,
+            altitude_m,
+            found.azimuth_bias_deg,
+            iterations=8,
+            noise=noise,
+            largest_dem_error_m=largest,
+            settle=True,
+            likely_from=0,
+        )
+        for row, col, altitude_m, noise in around
+    ]
+    starts = _distinct(sorted(fits, key=lambda r: r.fit_cost), LOOK_ABOUT_CELLS[1])[:FINALISTS]
+    finals = [_again(full, start, largest, settle=True, likely_from=0) for start in (*starts, found)]
+    return _doubted(min(finals, key=lambda r: r.fit_cost), fits, full.terrain)
+
+
+def _doubted(best: Refined, others: list[Refined], terrain: Terrain) -> Refined:
+    """The best fit, its covariance widened by the other peaks close by that may be the right one."""
+    if not others:
+        return best
+    cost = np.array([best.fit_cost, *(r.fit_cost for r in others)])
+    cost[0] = cost[1:].min()  # of all columns, the others of some
+    share = np.exp((cost.min() - cost) / (1.0 + BLUNTING_PER_M * best.error_model.smooth_m))
+    share /= share.sum()
+    off_m = np.array(
+        [
+            [
+                (r.col - best.col) * terrain.dem.spacing_ew_m,
+                (best.row - r.row) * terrain.dem.spacing_ns_m,
+            ]
+            for r in (best, *others)
+        ]
+    )
+    return replace(best, covariance_enu_m2=best.covariance_enu_m2 + (share[:, None] * off_m).T @ off_m)
 
 
 def _nearby(middle: Problem, coarse: Problem, found: Refined, noise: Noise, largest: float) -> Refined:
@@ -331,7 +384,9 @@ def _nearby(middle: Problem, coarse: Problem, found: Refined, noise: Noise, larg
             largest_dem_error_m=largest,
             settle=False,
         )
-        for row, col, altitude_m in places_around(coarse, found, noise, *LOOK_ABOUT_CELLS, LOOK_ABOUT_STARTS)
+        for row, col, altitude_m, _ in places_around(
+            coarse, found, [noise], *LOOK_ABOUT_CELLS, LOOK_ABOUT_STARTS
+        )
     ]
     return min(around or [found], key=lambda r: r.fit_cost)
 

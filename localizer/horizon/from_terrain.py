@@ -166,12 +166,13 @@ def horizon_around(
     altitude_m: float,
     azimuth_rad: Floats,
     guess_m: Floats | None = None,
+    beyond_m: float = 0.0,
 ) -> tuple[Floats, Floats]:
     """Tangents and distances (m,) of the horizon of one observer in the directions (m,).
 
     ``guess_m``: distances (m,) at which the horizon is likely, say because it was there from nearby; NaN elsewhere.
-    They save time and change nothing else. On one thread: for the few rays of a refinement, waking another costs more
-    than it saves.
+    They save time and change nothing else. ``beyond_m``: nothing nearer is looked at. On one thread: for the few rays of a
+    refinement, waking another costs more than it saves.
     """
     return _horizon_around(
         terrain.height_m,
@@ -186,6 +187,7 @@ def horizon_around(
         altitude_m,
         azimuth_rad,
         np.full(len(azimuth_rad), np.nan) if guess_m is None else guess_m,
+        beyond_m,
     )
 
 
@@ -242,10 +244,12 @@ def ray_horizon(
     eye: float,
     azimuth: float,
     guess: float,
+    beyond: float,
 ) -> tuple[float, float]:
     """Tangent and distance of the horizon along one ray; (-inf, NaN) where it meets no terrain.
 
-    ``guess``: a distance at which the horizon may be, or NaN; it changes the time taken, not the answer.
+    ``guess``: a distance at which the horizon may be, or NaN; it changes the time taken, not the answer. ``beyond``: terrain
+    nearer than this is passed over.
 
     The ray is followed along the lattice axis on which it moves faster (``major``), from one grid line to the next. A block
     of grid lines is leapt over, the largest first, when its highest cell stays below the horizon found so far.
@@ -271,7 +275,7 @@ def ray_horizon(
 
     entered = 0 if step > 0 else 3  # the first line of a smallest block, modulo its size
     best, best_s = -np.inf, np.nan
-    if guess > 0.0:
+    if guess > beyond:
         x0, y0 = start + (a1 + a2 * guess) * guess, minor_start + (b1 + b2 * guess) * guess
         if 0.0 <= x0 < last and 0.0 <= y0 < minor_last:
             i, j = int(x0), int(y0)
@@ -350,13 +354,13 @@ def ray_horizon(
                 za = (z00 * (1.0 - ya) + z01 * ya) * (1.0 - xa) + (z10 * (1.0 - ya) + z11 * ya) * xa
                 zb = (z00 * (1.0 - yb) + z01 * yb) * (1.0 - xb) + (z10 * (1.0 - yb) + z11 * yb) * xb
                 sa, sb = d0 + (d1 - d0) * t0, d0 + (d1 - d0) * t1
-                if sb > 0.0 and zb > eye + (best + drop * sb) * sb:
+                if sb > beyond and zb > eye + (best + drop * sb) * sb:
                     best, best_s = (zb - eye) / sb - drop * sb, sb
                 twist = (z00 - z01 - z10 + z11) * (xb - xa) * (yb - ya)
                 # It cannot bulge above the higher of its ends by more than a quarter of its twist.
                 if twist < 0.0 and max(za, zb) - 0.25 * twist > eye + min(best * sa, best * sb):
                     tangent, where = _bulge(za, zb, twist, sa, sb - sa, eye, drop)
-                    if tangent > best:
+                    if tangent > best and where > beyond:
                         best, best_s = tangent, where
         x0, y0, d0 = x1, y1, d1
         line += step
@@ -395,6 +399,7 @@ def _horizons(
             eye[i],
             azimuth[i, j],
             np.nan,
+            0.0,
         )
     return tangent, distance
 
@@ -413,6 +418,7 @@ def _horizon_around(
     eye: float,
     azimuth: Floats,
     guess: Floats,
+    beyond: float,
 ) -> tuple[Floats, Floats]:
     tangent = np.empty(azimuth.shape[0])
     distance = np.empty(azimuth.shape[0])
@@ -430,5 +436,6 @@ def _horizon_around(
             eye,
             azimuth[i],
             guess[i],
+            beyond,
         )
     return tangent, distance

@@ -5,6 +5,9 @@ DEM's: s metres seen from a distance of d metres are s / d radians. What the ter
 cell (an Ornstein-Uhlenbeck process along the ground); what is wrong with the cells themselves goes on smoothly for many of them
 (a Matern process of smoothness 3/2). So a near ridge, which fills many columns with the same few cells, counts for little. Such
 processes plus white noise are whitened exactly by a Kalman filter of three states (Hartikainen and Särkkä, 2010).
+
+Where the DEM errs, so does the place where one ridge disappears behind another: for some columns the horizon is another ridge
+than the predicted one. Hence a column may be astray, at a price.
 """
 
 from dataclasses import dataclass
@@ -21,6 +24,8 @@ SIZE_STEP, LENGTH_STEP = 1.6, 2.0
 SMALLEST_SMOOTH_M = 0.05
 LENGTHS_CELLS = (2.0, 64.0)
 MOST_MODELS = 60
+ASTRAY = 6.0
+"""What it costs (in logarithms of probability) that a column is astray."""
 NEGLIGIBLE = 1e-3
 """Models less likely than the best one by this factor are left out of the average."""
 _AROUND = (
@@ -105,24 +110,32 @@ class Normal:
     log_evidence: float
 
 
-def normal_equations(columns: Columns, model: ErrorModel) -> Normal:
-    """Generalised least squares; the cost is half the sum of the whitened squares, priors left out."""
+def normal_equations(columns: Columns, model: ErrorModel, *, forgiving: bool = True) -> Normal:
+    """Generalised least squares; the cost is as ``whitened_cost``, priors left out."""
     both = np.column_stack([columns.jacobian, columns.residual])
-    log_scale = _whitened(both, columns, model)
+    log_scale, price = _whitened(both, columns, model, forgiving)
     product = both.T @ both
     curvature = product[:-1, :-1] + columns.prior
     slope = product[:-1, -1] + columns.pull
-    cost = 0.5 * float(product[-1, -1])
+    cost = 0.5 * float(product[-1, -1]) + price
     sign, log_determinant = np.linalg.slogdet(curvature)
     gain = 0.5 * float(slope @ np.linalg.solve(curvature, slope)) if sign > 0 else -np.inf
     return Normal(curvature, slope, cost, gain - cost - log_scale - 0.5 * float(log_determinant))
 
 
-def whitened_cost(columns: Columns, model: ErrorModel) -> float:
-    """Half the sum of the squares of the whitened residuals."""
+def whitened_cost(columns: Columns, model: ErrorModel, *, forgiving: bool = True) -> float:
+    """Half the sum of the squares of the whitened residuals, and the price of those astray.
+
+    Unless ``forgiving``, none are: while a fit is still on its way, what looks astray is what shows the way.
+    """
     residual = columns.residual[:, None].copy()
-    _whitened(residual, columns, model)
-    return 0.5 * float((residual**2).sum())
+    _, price = _whitened(residual, columns, model, forgiving)
+    return 0.5 * float((residual**2).sum()) + price
+
+
+def log_scale(columns: Columns, model: ErrorModel) -> float:
+    """Half the logarithm of the determinant of the residuals' covariance under a model."""
+    return _whitened(np.zeros((len(columns.residual), 0)), columns, model, False)[0]
 
 
 def likely_models(columns: Columns, start: ErrorModel, within: Range) -> list[tuple[ErrorModel, Normal]]:
@@ -158,7 +171,7 @@ def likely_models(columns: Columns, start: ErrorModel, within: Range) -> list[tu
     return [entry for entry in seen if entry[1].log_evidence >= least]
 
 
-def _whitened(values: Floats, columns: Columns, model: ErrorModel) -> float:
+def _whitened(values: Floats, columns: Columns, model: ErrorModel, forgiving: bool) -> tuple[float, float]:
     return _whiten(
         values,
         columns.white,
@@ -167,6 +180,7 @@ def _whitened(values: Floats, columns: Columns, model: ErrorModel) -> float:
         model.smooth_m,
         columns.step_m / columns.cell_m,
         np.sqrt(3.0) * columns.step_m / model.length_m,
+        forgiving,
     )
 
 
@@ -179,15 +193,18 @@ def _whiten(
     smooth: float,
     rough_step: Floats,
     smooth_step: Floats,
-) -> float:
-    """Turn each column of ``values`` (n, k) into innovations of unit variance; half the logarithm of the determinant undone.
+    forgiving: bool,
+) -> tuple[float, float]:
+    """Turn each column of ``values`` (n, k) into innovations of unit variance.
 
-    States: the rough process; the smooth one; its derivative, scaled to unit variance. The steps are in correlation lengths.
+    Returns half the logarithm of the determinant undone, and the price of what was taken for astray, which the last column of
+    ``values``, the residuals, decides. States: the rough process; the smooth one; its derivative, scaled to unit variance. The
+    steps are in correlation lengths.
     """
     n, k = values.shape
     state = np.zeros((3, k))
     p00, p11, p22, p01, p02, p12 = 1.0, 1.0, 1.0, 0.0, 0.0, 0.0
-    log_scale = 0.0
+    log_scale, price = 0.0, 0.0
     for i in range(n):
         if smooth_step[i] > 30.0:
             p00, p11, p22, p01, p02, p12 = 1.0, 1.0, 1.0, 0.0, 0.0, 0.0
@@ -215,6 +232,13 @@ def _whiten(
         h0, h1 = rough * per_m[i], smooth * per_m[i]
         c0, c1, c2 = h0 * p00 + h1 * p01, h0 * p01 + h1 * p11, h0 * p02 + h1 * p12
         total = h0 * c0 + h1 * c1 + white[i]
+        if forgiving:
+            surprise = values[i, k - 1] - h0 * state[0, k - 1] - h1 * state[1, k - 1]
+            if 0.5 * surprise * surprise / total > ASTRAY:
+                values[i, :] = 0.0
+                price += ASTRAY
+                log_scale += 0.5 * np.log(total)
+                continue
         g0, g1, g2 = c0 / total, c1 / total, c2 / total
         p00 -= g0 * c0
         p01 -= g0 * c1
@@ -230,4 +254,4 @@ def _whiten(
             state[1, j] += g1 * surprise
             state[2, j] += g2 * surprise
             values[i, j] = surprise * scale
-    return log_scale
+    return log_scale, price

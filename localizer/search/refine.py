@@ -10,6 +10,7 @@ A column's uncertainty is its own sigma in the image and the DEM's error seen fr
 columns from others; then by its likelihood, together with how far it reaches along the ground.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +26,7 @@ from localizer.search.error_model import (
     Normal,
     Range,
     likely_models,
+    log_scale,
     normal_equations,
     whitened_cost,
 )
@@ -48,19 +50,21 @@ CHANCE_RAD = np.radians(3.0)
 """By how much skylines of unrelated places differ."""
 BLOCK_RAD = np.radians(6.0)
 """By how much skylines of unrelated places differ, and over which stretch of the horizon by the same."""
+STRAY_RAD = np.radians(15.0)
+"""How much of the horizon a cloud or a tree hides."""
 STRAY_SHARE = 0.1
 """Stretches that show something else than the terrain's skyline, to be expected anywhere."""
 FIRST_LENGTH_CELLS = 8.0
 """How far a DEM's error is taken to reach along the ground until its likelihood tells: hardly, so that all columns count."""
 NEAR_CELLS = 2.0
-"""What rises above all else nearer than this no DEM can tell: such columns speak neither for a place nor against it."""
+"""What rises above all else nearer than this no DEM can tell. It can only hide what is farther, never lower it."""
 LEAST_CORRELATION = 0.05
 """Where the correlation has fallen to this it is lost in its own noise."""
 LATERAL_SHARE = 0.5
 """A DEM errs sideways too; as a share of its vertical error."""
 BETWEEN_CELLS = 0.1
 """How far the ground between a DEM's cells lies from its surface, as a share of what that bends from cell to cell."""
-SHIFT_PER_M = 1.5
+SHIFT_PER_M = 2.25
 """How far the place moves per metre of a DEM's smooth error, beyond what the fit tells."""
 LATTICE_SHARE = 0.015
 """By so much of a cell the best place moves when the same cells are made into another surface."""
@@ -202,6 +206,11 @@ class _Evaluation:
     residual: Floats
     jacobian: Floats
     distance: Floats
+    """Of the horizon beyond NEAR_CELLS, which is what the residual is of."""
+    near: NDArray[np.bool_]
+    """Whether the DEM has something nearer that is higher."""
+    guess_m: Floats
+    """Where the horizon is, near or far."""
     slope: Floats
     dem_error_share: Floats
     """What the DEM's error is to be multiplied by where the horizon lies."""
@@ -235,31 +244,31 @@ def refine(
     frame = problem.terrain.frames.at(np.array([row]), np.array([col]))[0]
     damping = LEAST_DAMPING
     here = _evaluate(problem, x, origin, frame)
-    telling = _telling(problem, here)
     for iteration in range(iterations):
         if settle and iteration in SETTLE_AT:
-            telling = _telling(problem, here)
-            noise = _noise(problem, x, here, telling, noise, largest_dem_error_m, iteration >= likely_from)
-        weight = _weights(telling, here.residual / _sigma(problem, here, noise.spread_m))
+            noise = _noise(problem, x, here, noise, largest_dem_error_m, iteration >= likely_from)
+        sigma = _sigma(problem, here, noise.spread_m)
+        weight = _weights(_telling(here, sigma), here.residual / sigma)
+        forgiving = iteration >= likely_from or not settle
         gain = 0.0
         for by_secants in (False, True):
             if by_secants:
                 # Where the horizon leaps from ridge to ridge the tangent misleads.
-                here.jacobian[:, :AZIMUTH_BIAS] = _secants(problem, x, origin, frame, here.distance)
+                here.jacobian[:, :AZIMUTH_BIAS] = _secants(problem, x, origin, frame, here.guess_m)
                 damping = LEAST_DAMPING
             columns = _columns(problem, x, here, noise.model, weight)
-            normal = normal_equations(columns, noise.model)
+            normal = normal_equations(columns, noise.model, forgiving=forgiving)
             cost = normal.cost + _prior_cost(problem, x, here, noise.model)
             while damping < MOST_DAMPING:
                 damped = normal.curvature + damping * np.diag(np.diag(normal.curvature))
                 step = -np.linalg.solve(damped, normal.slope)
                 far = float(np.hypot(step[EAST], step[NORTH])) / (1.5 * problem.terrain.cell_m)
                 trial = x + step / max(1.0, far)
-                there = _evaluate(problem, trial, origin, frame, here.distance)
+                there = _evaluate(problem, trial, origin, frame, here.guess_m)
                 columns = _columns(problem, trial, there, noise.model, weight)
                 gain = (
                     cost
-                    - whitened_cost(columns, noise.model)
+                    - whitened_cost(columns, noise.model, forgiving=forgiving)
                     - _prior_cost(problem, trial, there, noise.model)
                 )
                 if gain > 0.0:
@@ -274,18 +283,22 @@ def refine(
             break
     finish = iterations > LIKELY_FROM
     if settle:
-        telling = _telling(problem, here)
-        noise = _noise(problem, x, here, telling, noise, largest_dem_error_m, finish)
+        noise = _noise(problem, x, here, noise, largest_dem_error_m, finish)
     return _result(problem, x, here, noise, origin, frame, largest_dem_error_m if settle and finish else None)
 
 
 def places_around(
-    problem: Problem, start: Refined, noise: Noise, reach_cells: float, step_cells: float, keep: int
-) -> list[tuple[float, float, float]]:
-    """Row, column and altitude of the ``keep`` likeliest places on a lattice around a fit, no two of them neighbours.
+    problem: Problem,
+    start: Refined,
+    noises: Sequence[Noise],
+    reach_cells: float,
+    step_cells: float,
+    keep: int,
+) -> list[tuple[float, float, float, Noise]]:
+    """Row, column, altitude and noise of the ``keep`` likeliest places under each noise on a lattice around a fit.
 
     Close to hills the horizon leaps from rise to rise as one moves, and each leap may stop a descent: so one looks about. At
-    each place all but the place itself is fitted in one step.
+    each place all but the place itself is fitted in one step. No two places under one noise are neighbours.
     """
     terrain = problem.terrain
     frame = terrain.frames.at(np.array([start.row]), np.array([start.col]))[0]
@@ -298,8 +311,7 @@ def places_around(
     origin = (start.row, start.col)
     ticks = np.arange(-reach_cells, reach_cells + 1e-9, step_cells) * terrain.cell_m
     here = _evaluate(problem, x, origin, frame)
-    telling = _telling(problem, here)
-    found: list[tuple[float, Floats]] = []
+    found: list[list[tuple[float, Floats]]] = [[] for _ in noises]
     for east in ticks:
         for north in ticks:
             moved = x.copy()
@@ -309,29 +321,39 @@ def places_around(
                 continue
             if np.isfinite(here.ground_m):
                 moved[ALTITUDE] += ground - here.ground_m
-            there = _evaluate(problem, moved, origin, frame, here.distance)
-            normalised = there.residual / _sigma(problem, there, noise.spread_m)
-            columns = _columns(problem, moved, there, noise.model, _weights(telling, normalised))
-            normal = normal_equations(columns, noise.model)
-            step = np.linalg.solve(normal.curvature[ALTITUDE:, ALTITUDE:], normal.slope[ALTITUDE:])
-            lost = _robust(normalised[telling]) - 0.5 * normalised[telling] ** 2 * _weights(
-                telling[telling], normalised[telling]
-            )
-            cost = (
-                normal.cost
-                + _prior_cost(problem, moved, there, noise.model)
-                - 0.5 * float(normal.slope[ALTITUDE:] @ step)
-                + float(lost.sum()) / noise.correlation_columns
-            )
-            moved[ALTITUDE:] -= step
-            found.append((cost, moved))
-    found.sort(key=lambda entry: entry[0])
-    kept: list[Floats] = []
-    for _, place in found:
-        apart_m = [float(np.hypot(place[EAST] - k[EAST], place[NORTH] - k[NORTH])) for k in kept]
-        if min(apart_m, default=np.inf) > 1.5 * step_cells * terrain.cell_m:
-            kept.append(place)
-    return [(*_place(k, origin, frame), float(k[ALTITUDE])) for k in kept[:keep]]
+            there = _evaluate(problem, moved, origin, frame, here.guess_m)
+            for noise, costs in zip(noises, found, strict=True):
+                costs.append(_fitted_there(problem, moved, there, noise))
+    places = []
+    for noise, costs in zip(noises, found, strict=True):
+        kept: list[Floats] = []
+        for _, place in sorted(costs, key=lambda entry: entry[0]):
+            apart_m = [float(np.hypot(place[EAST] - k[EAST], place[NORTH] - k[NORTH])) for k in kept]
+            if min(apart_m, default=np.inf) > 1.5 * step_cells * terrain.cell_m:
+                kept.append(place)
+            if len(kept) == keep:
+                break
+        places += [(*_place(k, origin, frame), float(k[ALTITUDE]), noise) for k in kept]
+    return places
+
+
+def _fitted_there(problem: Problem, x: Floats, here: _Evaluation, noise: Noise) -> tuple[float, Floats]:
+    """Cost, and the parameters with all but the place itself fitted in one step."""
+    sigma = _sigma(problem, here, noise.spread_m)
+    normalised, telling = here.residual / sigma, _telling(here, sigma)
+    columns = _columns(problem, x, here, noise.model, _weights(telling, normalised))
+    normal = normal_equations(columns, noise.model)
+    step = np.linalg.solve(normal.curvature[ALTITUDE:, ALTITUDE:], normal.slope[ALTITUDE:])
+    cost = (
+        normal.cost
+        + _prior_cost(problem, x, here, noise.model)
+        - 0.5 * float(normal.slope[ALTITUDE:] @ step)
+        + _loss(problem, telling, normalised, sigma)
+        + _log_scale(problem, x, here, noise.model)
+    )
+    fitted = x.copy()
+    fitted[ALTITUDE:] -= step
+    return cost, fitted
 
 
 def usual_noise(terrain: Terrain, dem_error_m: float) -> Noise:
@@ -342,11 +364,11 @@ def usual_noise(terrain: Terrain, dem_error_m: float) -> Noise:
 
 
 def _evaluate(
-    problem: Problem, x: Floats, origin: tuple[float, float], frame: Floats, near: Floats | None = None
+    problem: Problem, x: Floats, origin: tuple[float, float], frame: Floats, guess_m: Floats | None = None
 ) -> _Evaluation:
     """Residuals (n,) in radians and their derivatives (n, parameters) by metres and degrees.
 
-    ``near``: distances (n,) of the horizon from a place nearby.
+    ``guess_m``: distances (n,) of the horizon from a place nearby.
     """
     terrain = problem.terrain
     row, col = _place(x, origin, frame)
@@ -354,9 +376,13 @@ def _evaluate(
     eye = max(x[ALTITUDE], ground + 0.3) if np.isfinite(ground) else x[ALTITUDE]
     azimuth, elevation, attitude = problem.directions(x)
     frame_of = problem.frame_of
-    tangent, distance = horizon_around(terrain, row, col, eye, azimuth, near)
-    tangent_beside, _ = horizon_around(terrain, row, col, eye, azimuth + SLOPE_STEP_RAD, distance)
     n = len(azimuth)
+    beyond_m = NEAR_CELLS * terrain.cell_m
+    tangent, distance = horizon_around(terrain, row, col, eye, azimuth, guess_m)
+    guess_m = distance.copy()
+    near = distance < beyond_m
+    tangent[near], distance[near] = horizon_around(terrain, row, col, eye, azimuth[near], beyond_m=beyond_m)
+    tangent_beside, _ = horizon_around(terrain, row, col, eye, azimuth + SLOPE_STEP_RAD, distance, beyond_m)
     seen, beside = np.arctan(tangent), np.arctan(tangent_beside)
     d = np.where(np.isfinite(distance), distance, 1.0)
     slope = (beside - seen) / SLOPE_STEP_RAD
@@ -381,17 +407,19 @@ def _evaluate(
     share = np.sqrt(1.0 + terrain.roughness_at(row_h, col_h) ** 2)
     bend_m = terrain.mean_bend_m * float(terrain.roughness_at(np.array([row]), np.array([col]))[0])
     own = float(np.hypot(BETWEEN_CELLS * bend_m, 0.1))
-    return _Evaluation(residual, jacobian, d, slope, share, ground, gradient, own)
+    return _Evaluation(residual, jacobian, d, near, guess_m, slope, share, ground, gradient, own)
 
 
-def _secants(problem: Problem, x: Floats, origin: tuple[float, float], frame: Floats, near: Floats) -> Floats:
+def _secants(
+    problem: Problem, x: Floats, origin: tuple[float, float], frame: Floats, guess_m: Floats
+) -> Floats:
     """Derivatives (n, 3) of the residuals by place and altitude, over steps of SECANT_STEP_M to either side."""
     columns = []
     for parameter in (EAST, NORTH, ALTITUDE):
         step = np.zeros(problem.size)
         step[parameter] = SECANT_STEP_M
-        ahead = _evaluate(problem, x + step, origin, frame, near).residual
-        behind = _evaluate(problem, x - step, origin, frame, near).residual
+        ahead = _evaluate(problem, x + step, origin, frame, guess_m).residual
+        behind = _evaluate(problem, x - step, origin, frame, guess_m).residual
         columns.append((ahead - behind) / (2.0 * SECANT_STEP_M))
     return np.column_stack(columns)
 
@@ -431,9 +459,28 @@ def _sigma(problem: Problem, here: _Evaluation, s: float) -> Floats:
     )
 
 
-def _telling(problem: Problem, here: _Evaluation) -> NDArray[np.bool_]:
-    """Columns (n,) whose horizon is far enough for the DEM to know it."""
-    return np.asarray(here.distance >= NEAR_CELLS * problem.terrain.cell_m)
+def _telling(here: _Evaluation, sigma: Floats) -> NDArray[np.bool_]:
+    """Columns (n,) that show what the DEM knows: all but those where what stands near probably hides it."""
+    hides = here.near & (here.residual > 0.0)
+    return np.asarray(~hides | (_robust(here.residual / sigma) < np.log(CHANCE_RAD / sigma)))
+
+
+def _loss(problem: Problem, telling: NDArray[np.bool_], normalised: Floats, sigma: Floats) -> float:
+    """What stray and hidden columns cost beyond what their weights leave of them in the sum of squares.
+
+    They come in stretches of about STRAY_RAD, each of which is one accident.
+    """
+    weighted = 0.5 * normalised**2 * _weights(telling, normalised)
+    lost = np.where(telling, _robust(normalised) - weighted, np.log(CHANCE_RAD / sigma))
+    return float(lost.sum() / (problem.block_columns * STRAY_RAD / BLOCK_RAD))
+
+
+def _log_scale(problem: Problem, x: Floats, here: _Evaluation, model: ErrorModel) -> float:
+    """Half the logarithm of the determinant of the covariance that the residuals are expected to have.
+
+    A place whose horizon is near explains almost anything; that it had to be expected to be so far off counts against it.
+    """
+    return log_scale(_columns(problem, x, here, model, np.ones(len(here.residual))), model)
 
 
 def _weights(telling: NDArray[np.bool_], normalised: Floats) -> Floats:
@@ -514,11 +561,11 @@ def _noise(
     problem: Problem,
     x: Floats,
     here: _Evaluation,
-    telling: NDArray[np.bool_],
     before: Noise,
     largest_dem_error_m: float,
     by_likelihood: bool,
 ) -> Noise:
+    telling = _telling(here, _sigma(problem, here, before.spread_m))
     spread_m = _dem_error(problem, here, telling, largest_dem_error_m)
     normalised = here.residual / _sigma(problem, here, spread_m)
     within = _range(problem, largest_dem_error_m)
@@ -584,9 +631,8 @@ def _result(
     frame: Floats,
     largest_dem_error_m: float | None,
 ) -> Refined:
-    telling = _telling(problem, here)
     sigma = _sigma(problem, here, noise.spread_m)
-    normalised = here.residual / sigma
+    normalised, telling = here.residual / sigma, _telling(here, sigma)
     columns = _columns(problem, x, here, noise.model, _weights(telling, normalised))
     if largest_dem_error_m is None:
         normal = normal_equations(columns, noise.model)
@@ -596,13 +642,11 @@ def _result(
             likely_models(columns, noise.model, _range(problem, largest_dem_error_m))
         )
     misfit, _ = _priors(problem, x, here, noise.spread_m)
-    lost = _robust(normalised[telling]) - 0.5 * normalised[telling] ** 2 * _weights(
-        telling[telling], normalised[telling]
-    )
     fit_cost = (
         whitened_cost(columns, noise.model)
         + _prior_cost(problem, x, here, noise.model)
-        + float(lost.sum()) / noise.correlation_columns
+        + _loss(problem, telling, normalised, sigma)
+        + _log_scale(problem, x, here, noise.model)
     )
     surprise = np.where(telling, _robust(normalised) + np.log(sigma), np.log(CHANCE_RAD))
     row, col = _place(x, origin, frame)
@@ -640,7 +684,7 @@ def _result(
 def _shift_sigma_m(problem: Problem, model: ErrorModel) -> float:
     """By how much a DEM's errors shift the best place beyond what the linearised fit says: one sigma in each direction.
 
-    The posterior has several narrow peaks where near hills hide and show each other, and a smooth error tilts all that is near.
+    A smooth error tilts all that is near, the ground under the camera too.
     """
     return float(np.hypot(LATTICE_SHARE * problem.terrain.cell_m, SHIFT_PER_M * model.smooth_m))
 

@@ -125,6 +125,7 @@ def _disparities(
                 eye[n],
                 world[m] * step,
                 s,
+                0.0,
             )
             horizon[m] = np.arctan(tangent)
             distance[m] = s
