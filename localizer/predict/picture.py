@@ -219,12 +219,13 @@ def _draw_skyline(axes: Axes, seen: View, x: Floats, y: Floats, shading: Shading
         if not met[at] or any(abs(x[at] - other) < LABEL_SPACING * abs(x[-1] - x[0]) for other in labelled):
             continue
         labelled.append(x[at])
+        share = (x[at] - x[0]) / (x[-1] - x[0])  # at the sides the label stays in the picture
         axes.annotate(
             _distance(summit.distance_m),
             (x[at], y[at]),
             xytext=(0.0, 9.0),
             textcoords="offset points",
-            ha="center",
+            ha="left" if share < 0.03 else "right" if share > 0.97 else "center",
             fontsize=8.5,
             annotation_clip=True,
             bbox={"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.75},
