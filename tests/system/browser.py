@@ -26,7 +26,8 @@ FLAGS = (
 )
 SHOTS_VARIABLE = "SKYFIX_SCREENSHOTS"
 """Names a folder that gets the pictures, to be looked at."""
-PATIENCE_S = 180.0
+PATIENCE_S = 400.0
+"""The map is drawn at low priority: on a busy machine that takes minutes."""
 
 
 class Page:

@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 from browser import DESKTOP, PHONE, Page, browser
@@ -215,20 +216,21 @@ def test_a_drive_with_a_simulated_rig(window: Callable[[str], object], tmp_path:
             page.until_says("ask-why", "refused")
             enter_token(page, TOKEN)
             page.until_says("activity", "capturing")
-            page.until_says("verdict", "FIX")
-            where = page.text("place")
+            agrees(page, daemon.until_idle(answers=1))
 
             truth = rig.truth()
             rig.stand_at(truth["lat_deg"] + 0.004, truth["lon_deg"] - 0.003, heading_deg=310.0)
             page.until(lambda: can_capture(page), "ready again")
             page.does("document.getElementById('capture').click()")  # the token is known by now
-            page.until(lambda: page.text("place") not in (where, ""), "another fix")
+            page.until_says("activity", "capturing")
+            status = daemon.until_idle(answers=2)
+            agrees(page, status)
 
-            page.until(lambda: page.does("document.querySelectorAll('#over .stop').length") == 2, "a track")
             page.until(lambda: page.does("document.querySelectorAll('#frames figure').length") == 4, "frames")
             lines = "[...document.querySelectorAll('#frames path.{}')].every(p => p.getAttribute('d').length > 500)"
             page.until(lambda: page.does(lines.format("found")), "skylines found")
-            assert page.does(lines.format("predicted"))
+            if status["last"]["fix"]["position"]:
+                assert page.does(lines.format("predicted"))
             page.shoot("drive-desktop", tmp_path)
             foreign = "performance.getEntriesByType('resource').filter(e => !e.name.startsWith(location.origin)).length"
             assert page.does(foreign) == 0
@@ -237,6 +239,14 @@ def test_a_drive_with_a_simulated_rig(window: Callable[[str], object], tmp_path:
             ]  # the refused token
             assert daemon.stop() == 0
             page.until_says("offline", "No connection")
+
+
+def agrees(page: Page, status: dict[str, Any]) -> None:
+    """What the search makes of the place is not this test's matter; that the page says it is."""
+    fix = status["last"]["fix"]
+    page.until(lambda: fix["bundle"] in page.text("log") and looks(page) == fix["status"], fix["status"])
+    fixes = status["counts"].get("answers fix", 0)
+    page.until(lambda: page.does("document.querySelectorAll('#over .stop').length") == fixes, "a track")
 
 
 def can_capture(page: Page) -> bool:

@@ -18,7 +18,7 @@ from localizer.relief import dem_bounds_m, relief_image
 LEAST_PX, MOST_PX = 800, 2000
 PX_A_CELL = 2
 QUALITY = 85
-NICENESS = 10
+NICENESS = 5
 """Nobody waits for a map while the head has to be moved."""
 
 
