@@ -23,6 +23,8 @@ _log = structlog.get_logger(__name__)
 
 SETTLING_S = 2.0
 """A head that was let go may sink; that is no movement of the vehicle."""
+MOST_CAPTURES = 3
+"""So many fail at one rest before the next is waited for."""
 SAMPLES_A_SECOND = 8
 """Enough for a standard deviation; more would keep a small computer busy."""
 
@@ -36,6 +38,7 @@ class RestDetector:
     def __init__(self, section: RestTrigger) -> None:
         self._section = section
         self._moved = True
+        self._failures = 0
         self._still_since_s: float | None = None
 
     def take(self, noise_mg: float, now_s: float) -> bool:
@@ -43,7 +46,7 @@ class RestDetector:
         if noise_mg > self._section.still_mg:
             if not self._moved:
                 _log.info("vehicle moves", noise_mg=round(noise_mg, 1))
-            self._moved, self._still_since_s = True, None
+            self._moved, self._still_since_s, self._failures = True, None, 0
             return False
         if self._still_since_s is None:
             self._still_since_s = now_s
@@ -52,6 +55,11 @@ class RestDetector:
     def captured(self) -> None:
         """It has been looked from here."""
         self._moved = False
+
+    def failed(self) -> None:
+        """The capture came to nothing: it is worth another, but not for ever, for it may be night."""
+        self._failures += 1
+        self._moved = self._failures < MOST_CAPTURES
 
     def interrupted(self) -> None:
         """Nobody has watched since the last reading: stillness counts from the next."""
@@ -72,6 +80,8 @@ class RestWatch:
         self._ask = ask
         self._rest = config.run.rest
         self._detector = RestDetector(self._rest)
+        self._done_before: int | None = None
+        """How many captures had been done when one was asked for; None once it is known what came of it."""
 
     def run(self, beat: Callable[[], None], stop: threading.Event) -> None:
         """Watch until ``stop``."""
@@ -95,7 +105,13 @@ class RestWatch:
                 while time.monotonic() < until_s and not stop.wait(0.5):
                     beat()
 
+    def _captures_done(self) -> int:
+        return self._board.snapshot().counts.get("captures done", 0)
+
     def _watch(self, chip: Inclinometer, beat: Callable[[], None], stop: threading.Event) -> None:
+        if self._done_before is not None and self._captures_done() == self._done_before:
+            self._detector.failed()
+        self._done_before = None
         while not stop.is_set() and not self._hardware.wanted:
             beat()
             readings: list[AccelerationReading] = []
@@ -106,8 +122,11 @@ class RestWatch:
             noise = noise_mg(readings)
             if noise > self._rest.still_mg:
                 self._board.set_moving()
-            if self._detector.take(noise, time.monotonic()) and self._ask():
-                self._detector.captured()
+            if self._detector.take(noise, time.monotonic()):
+                done = self._captures_done()
+                if self._ask():
+                    self._done_before = done
+                    self._detector.captured()
 
 
 def noise_mg(readings: Sequence[AccelerationReading]) -> float:

@@ -85,6 +85,16 @@ class TestRest:
     def test_who_stands_at_the_beginning_has_come_to_rest(self) -> None:
         assert self.drive(RestDetector(self.SECTION), {range(30): 0.5}) == [10]
 
+    def test_a_capture_that_failed_is_worth_two_more_at_the_same_rest(self) -> None:
+        detector, asked = RestDetector(self.SECTION), []
+        for second in range(100):
+            if detector.take(40.0 if second == 60 else 0.5, float(second)):
+                asked.append(second)
+                detector.captured()
+                detector.failed()
+                detector.interrupted()  # by the capture
+        assert asked == [10, 21, 32, 71, 82, 93]
+
     def test_stillness_does_not_count_while_nobody_watches(self) -> None:
         detector = RestDetector(self.SECTION)
         assert not detector.take(0.5, 0.0)
