@@ -3,6 +3,7 @@
 ``pytest tests/rig/test_daemon_soak.py -m long --soak-minutes 120 -s`` is the whole of it; a quarter of an hour by default.
 """
 
+import signal
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -59,6 +60,12 @@ def resources(pid: int) -> tuple[float, int, int]:
     )
 
 
+def captures_by_end(status: dict[str, Any]) -> dict[str, int]:
+    """How many captures came to what."""
+    ends = "done", "failed", "refused", "interrupted"
+    return {end: status["counts"].get(f"captures {end}", 0) for end in ends}
+
+
 @pytest.fixture
 def daemon(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Daemon]:
     minutes = request.config.getoption("--soak-minutes")
@@ -68,6 +75,7 @@ def daemon(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Daemon]:
         add_keys(quick.rig.config_path, "capture", directions=[ahead_deg, (ahead_deg + 25) % 360])
         add_keys(quick.rig.config_path, "run", every_s=2.0, retry_most_s=4.0, check_every_s=5.0)
         add_keys(quick.rig.config_path, "run.spool", quota_mb=20)
+        add_keys(quick.rig.config_path, "run.search", time_s=LONG_PATIENCE_S)
         with running_daemon(quick.rig.config_path, tmp_path / "log", patience_s=LONG_PATIENCE_S) as daemon:
             yield daemon
         assert quick.torques == [0, 0]
@@ -88,17 +96,27 @@ def test_soak(request: pytest.FixtureRequest, daemon: Daemon) -> None:
             measured.append(resources(daemon.process.pid))
             if captures % 20 == 0:
                 print(captures, measured[-1], status["counts"])
-    status = daemon.until(lambda status: status["activity"] == "idle" and not status["waiting"], "idle")
+    text = daemon.config_path.read_text()
+    daemon.config_path.write_text(text.replace("every_s = 2.0", "every_s = 36000.0"))
+    daemon.process.send_signal(signal.SIGHUP)
+    status = daemon.until(
+        lambda status: (
+            "configuration read anew" in daemon.log.read_text()
+            and status["activity"] == "idle"
+            and status["counts"]["triggers started"] == sum(captures_by_end(status).values())
+            and not status["waiting"]
+        ),
+        "idle with every bundle located",
+    )
     counts = status["counts"]
-    print(f"{captures} captures, first {measured[FIRST_CAPTURES]}, last {measured[-1]}, {counts}")
-    ended = sum(counts.get(f"captures {how}", 0) for how in ("done", "failed", "refused", "interrupted"))
-    assert counts["triggers started"] == ended
+    print(f"{captures} captures, {measured[FIRST_CAPTURES : FIRST_CAPTURES + 1]} to {measured[-1:]}, {counts}")
     assert counts["triggers"] == sum(
         number for name, number in counts.items() if name.startswith("triggers ")
     )
     answered = sum(number for name, number in counts.items() if name.startswith("answers "))
     assert answered == counts["captures done"]
     after = measured[FIRST_CAPTURES:]
+    assert len(after) > FIRST_CAPTURES, "too few captures to tell: raise --soak-minutes"
     early_mb = float(np.median([mb for mb, _, _ in after[:FIRST_CAPTURES]]))
     late_mb = float(np.median([mb for mb, _, _ in after[-FIRST_CAPTURES:]]))
     assert late_mb < (1.0 + MOST_GROWTH) * early_mb
