@@ -109,7 +109,9 @@ def test_soak(request: pytest.FixtureRequest, daemon: Daemon) -> None:
         "idle with every bundle located",
     )
     counts = status["counts"]
-    print(f"{captures} captures, {measured[FIRST_CAPTURES : FIRST_CAPTURES + 1]} to {measured[-1:]}, {counts}")
+    print(
+        f"{captures} captures, {measured[FIRST_CAPTURES : FIRST_CAPTURES + 1]} to {measured[-1:]}, {counts}"
+    )
     assert counts["triggers"] == sum(
         number for name, number in counts.items() if name.startswith("triggers ")
     )
