@@ -346,7 +346,7 @@ def _best_nearby(full: Problem, middle: Problem, coarse: Problem, found: Refined
         for row, col, altitude_m, noise in around
     ]
     starts = _distinct(sorted(fits, key=lambda r: r.fit_cost), LOOK_ABOUT_CELLS[1])[:FINALISTS]
-    finals = [_again(full, start, largest, settle=True, likely_from=0) for start in (*starts, found)]
+    finals = [found, *(_again(full, start, largest, settle=True, likely_from=0) for start in starts)]
     return _doubted(min(finals, key=lambda r: r.fit_cost), fits, full.terrain)
 
 

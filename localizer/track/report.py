@@ -33,7 +33,10 @@ class TrackHypothesis(_Part):
 
 
 class TrackLine(_Part):
-    """What one bundle came to. ``elsewhere``: the probability of none of the hypotheses."""
+    """What one bundle came to. ``elsewhere``: the probability of none of the hypotheses.
+
+    ``left_out``: the frame that contradicts the others, if any.
+    """
 
     schema_name: Literal["skyfix.track/1"] = Field(default="skyfix.track/1", alias="schema")
     bundle: str
@@ -41,6 +44,7 @@ class TrackLine(_Part):
     fix: Fix
     hypotheses: tuple[TrackHypothesis, ...]
     elsewhere: Probability
+    left_out: str | None = None
 
     def to_json(self) -> str:
         """One JSON object on one line."""
@@ -55,6 +59,7 @@ def track_line(step: Step, dem: Dem) -> TrackLine:
         fix=step.fix,
         hypotheses=tuple(_hypothesis(p, dem) for p in step.posteriors),
         elsewhere=step.elsewhere,
+        left_out=step.left_out,
     )
 
 
@@ -92,5 +97,7 @@ def step_text(step: Step) -> str:
     if fix.status == "none":
         kept = len(step.posteriors)
         parts.append(f"{kept} earlier {'place' if kept == 1 else 'places'} kept")
+    if step.left_out is not None:
+        parts.append(f"without frame {step.left_out}, which contradicts the others")
     parts.append(f"({step.mode})")
     return "  ".join(parts)

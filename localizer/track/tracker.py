@@ -17,6 +17,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from localizer.bundle import Bundle, frame_image
+from localizer.contradiction import Settled, settle_frames
 from localizer.errors import SkyfixError
 from localizer.fix import Fix
 from localizer.geodesy import lonlat_to_rowcol, rowcol_to_lonlat
@@ -100,7 +101,8 @@ class Tracker(BaseModel):
 class Step:
     """What one bundle came to. ``posteriors`` are all hypotheses after it, seen by it or not; ``tracker`` the new state.
 
-    ``best`` is the fix's place with all that was solved for there, None where there is none.
+    ``best`` is the fix's place with all that was solved for there, None where there is none. ``left_out``: the label of a
+    frame that contradicts the others, which the answer does without.
     """
 
     bundle: str
@@ -109,6 +111,7 @@ class Step:
     posteriors: tuple[Posterior, ...]
     tracker: Tracker
     best: Refined | None
+    left_out: str | None = None
 
     @property
     def elsewhere(self) -> float:
@@ -139,7 +142,8 @@ def follow(
     """
     area_m2 = _area_m2(terrain)
     moved = _moved(tracker, leg, area_m2)
-    mode, located = _search(moved, terrain, observation)
+    mode, settled = _search(moved, terrain, observation)
+    located = settled.located
     timing = {**(timing_s or {}), **located.timing_s}
     if located.best is None:
         fix = fix_of(terrain, observation, located, bundle_id, timing)
@@ -154,14 +158,14 @@ def follow(
     answer = _answer(terrain, located, candidates, posteriors) if known.hypotheses else located
     fix = fix_of(terrain, observation, answer, bundle_id, timing)
     if again and located.best.evidence < moved.look_evidence:
-        return Step(bundle_id, mode, fix, posteriors, moved, answer.best)
+        return Step(bundle_id, mode, fix, posteriors, moved, answer.best, settled.left_out)
     after = Tracker(
         now=mixture_of(posteriors),
         before=known,
         since_m=(0.0, 0.0),
         look_evidence=located.best.evidence,
     )
-    return Step(bundle_id, mode, fix, posteriors, after, answer.best)
+    return Step(bundle_id, mode, fix, posteriors, after, answer.best, settled.left_out)
 
 
 def _moved(tracker: Tracker, leg: Movement | None, area_m2: float) -> Tracker:
@@ -177,15 +181,23 @@ def _moved(tracker: Tracker, leg: Movement | None, area_m2: float) -> Tracker:
     )
 
 
-def _search(tracker: Tracker, terrain: Terrain, observation: Observation) -> tuple[Mode, Located]:
+def _search(tracker: Tracker, terrain: Terrain, observation: Observation) -> tuple[Mode, Settled]:
     """Near the one place known, if there is one, else everywhere that the bundle itself allows."""
     circle = _circle(tracker, terrain)
     if circle is None:
-        return "whole DEM", locate(terrain, observation)
-    near = locate(terrain, dataclasses.replace(observation, prior=circle))
-    if _convinces(near, circle, tracker, terrain):
+        return "whole DEM", _settled(terrain, observation)
+    near = _settled(terrain, dataclasses.replace(observation, prior=circle))
+    if _convinces(near.located, circle, tracker, terrain):
         return "bootstrap", near
-    return "whole DEM after bootstrap failed", locate(terrain, observation)
+    return "whole DEM after bootstrap failed", _settled(terrain, observation)
+
+
+def _settled(terrain: Terrain, observation: Observation) -> Settled:
+    """The place, without a frame that contradicts the others."""
+    located = locate(terrain, observation)
+    return settle_frames(
+        terrain, observation, located, lambda fewer: locate(terrain, fewer, everywhere=False)
+    )
 
 
 def _circle(tracker: Tracker, terrain: Terrain) -> PriorCircle | None:

@@ -24,6 +24,8 @@ from localizer.observation import FrameObservation, Observation, PriorCircle
 from localizer.search.contours import frame_contour, measured_skyline
 from localizer.search.refine import Noise, Problem, Refined, places_around, refine, usual_noise
 from localizer.search.stage1 import bands, half_cell_relief, heading_offsets_deg, search_stage1
+from localizer.track.report import step_text, track_line
+from localizer.track.tracker import Tracker, follow
 
 SANTA_CRUZ = Path(__file__).parents[2] / "sim" / "terrain" / "santa_cruz_srtm_1s.tif"
 PLACE = (536.9, 389.1)
@@ -211,6 +213,13 @@ def test_a_frame_that_contradicts_the_others_is_left_out_and_named(terrain, spoi
     assert min(answer.agreement[f"frame {number}"] for number in (0, 2, 3)) > 0.8
     assert answer.located.decision.status == "fix"
     assert error_cells(answer.located) < 0.1
+
+
+def test_a_track_does_without_that_frame_too(terrain):
+    step = follow(Tracker(), None, terrain, with_tilt_misread(terrain), "a bundle")
+    assert step.left_out == track_line(step, terrain.dem).left_out == "frame 1"
+    assert step.fix.status == "fix"
+    assert "without frame frame 1" in step_text(step)
 
 
 def test_frames_that_agree_are_all_kept(terrain):
