@@ -164,7 +164,7 @@ def test_looking_again_from_the_same_spot_settles_nothing(scene, monkeypatch):
     leaning = dataclasses.replace(
         located, decision=dataclasses.replace(located.decision, probabilities=np.array([0.8, 0.2]))
     )
-    monkeypatch.setattr("localizer.track.tracker.locate", lambda terrain, observation: leaning)
+    monkeypatch.setattr("localizer.track.tracker.locate", lambda terrain, observation, **_: leaning)
     looks = [(driven(0.0, sigma_m=0.1), scene.look(0, WEST_SPOT))] * 8
     for step in track(scene, *looks):
         assert step.fix.status == "ambiguous"
