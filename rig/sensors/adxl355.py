@@ -10,7 +10,7 @@ from rig.bus.deadline import Deadline, wait_until
 from rig.bus.i2c import I2cBus
 from rig.bus.i2c_chip import I2cChip
 from rig.readings import AccelerationReading, Instant
-from rig.sensors.sampling import read_for, require_noise
+from rig.sensors.sampling import LEAST_READINGS, read_for, require_noise
 
 DEFAULT_ADDRESS = 0x1D
 
@@ -111,7 +111,7 @@ class Adxl355:
 
     def read_many(self, duration_s: float) -> list[AccelerationReading]:
         """All samples of ``duration_s``. Raises ``DeviceError`` where all are the same: a frozen chip."""
-        readings = read_for(self.read, duration_s)
+        readings = read_for(self.read, duration_s, LEAST_READINGS)
         require_noise(self._chip.name, [(r.x_g, r.y_g, r.z_g) for r in readings])
         return readings
 

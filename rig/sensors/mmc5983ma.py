@@ -11,7 +11,7 @@ from rig.bus.deadline import Deadline, wait_until
 from rig.bus.i2c import I2cBus
 from rig.bus.i2c_chip import I2cChip
 from rig.readings import FieldReading, Instant
-from rig.sensors.sampling import read_for, require_noise
+from rig.sensors.sampling import LEAST_READINGS, read_for, require_noise
 
 FROZEN_REPEATS = 8
 NO_FIELD_UT = 1.0
@@ -115,7 +115,7 @@ class Mmc5983ma:
 
     def read_many(self, duration_s: float) -> list[FieldReading]:
         """All readings that fit into ``duration_s``, at least one. ``DeviceError`` where the chip is frozen."""
-        readings = read_for(self.read, duration_s)
+        readings = read_for(self.read, duration_s, LEAST_READINGS)
         require_noise(self._chip.name, [(r.x_ut, r.y_ut, r.z_ut) for r in readings], FROZEN_REPEATS)
         return readings
 

@@ -10,15 +10,18 @@ _SUSPICIOUS_REPEATS = 16
 
 Reading = TypeVar("Reading")
 
+LEAST_READINGS = 10
+"""Of a chip that is averaged: fewer say neither its mean nor its noise."""
 
-def read_for(read: Callable[[], Reading], duration_s: float) -> list[Reading]:
-    """What ``read`` returns, as often as it fits into ``duration_s``, at least once.
+
+def read_for(read: Callable[[], Reading], duration_s: float, least: int = 1) -> list[Reading]:
+    """What ``read`` returns, as often as it fits into ``duration_s``, but ``least`` times though a busy computer takes longer.
 
     Raises what ``read`` raises.
     """
     end = Deadline.after(duration_s)
     readings = [read()]
-    while not end.expired:
+    while not end.expired or len(readings) < least:
         readings.append(read())
     return readings
 

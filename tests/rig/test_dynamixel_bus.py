@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 from dynamixel_easy_sdk import ControlTable
-from fakes.servos import GOAL, POSITION, TORQUE, FakeServo, FakeServoBus
+from fakes.servos import GOAL, POSITION, TORQUE, FakeServo, FakeServoBus, status_packet
 
 from rig.bus.serial_port import SerialPort
 from rig.dynamixel import control_table as table
@@ -192,3 +192,10 @@ def test_units_are_those_of_the_manual():
     assert 360 / table.TICKS_PER_TURN == 0.087890625
     assert pytest.approx(1.374) == table.VELOCITY_UNIT_DEG_S
     assert pytest.approx(21.4577) == table.ACCELERATION_UNIT_DEG_S2
+
+
+def test_a_late_answer_to_an_earlier_packet_is_no_refusal_to_read(bus, servos):
+    data_range = 4
+    servos.noise_before = status_packet(1, data_range, b"")
+    with pytest.raises(TransientError, match="answered an earlier instruction, late"):
+        bus.read(1, POSITION, 4)
