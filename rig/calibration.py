@@ -93,12 +93,16 @@ class InclinometerCalibration(_Document):
     drift_mg_c: Triple
     zero_temperature_c: float
     tilt_bias_sigma_deg: Positive
+    roll_sigma_deg: Positive | None = None
+    """Of a roll, reading and what is left of the zero together; None leaves it as configured."""
 
     def values(self) -> Values:
-        keys = (
+        keys = [
             *("zero_mg", "scale", "mounting_deg", "drift_mg_c"),
             *("zero_temperature_c", "tilt_bias_sigma_deg"),
-        )
+        ]
+        if self.roll_sigma_deg is not None:
+            keys.append("roll_sigma_deg")
         return {"inclinometer": {key: getattr(self, key) for key in keys}}
 
     def misfit(self, config: "RigConfig") -> str | None:

@@ -1,10 +1,11 @@
 """Rigs fresh from the workshop, calibrated by the real ``rig calibrate`` and judged by what their bundles then say.
 
-Each rig is calibrated at a known place in the order of the manual, takes a bundle there, and with what it has learnt another
-one at another place, some driving later.
+Each rig is calibrated in the order of the manual at the place that ``rig calibrate sites`` advises, takes a bundle there, and
+with what it has learnt another one at another place, drawn without advice, some driving later.
 """
 
 import csv
+import json
 import shutil
 import tempfile
 import tomllib
@@ -31,6 +32,7 @@ from sim.world import World
 
 DRIVE_H = 0.25
 TAKE_UP_DEG = 1.5
+PATIENCE_S = 15.0
 STEERING_SIGMA_DEG = 8.0
 LIMITS = {
     "tilt_deg": 0.02,
@@ -112,7 +114,10 @@ def calibrate_rig(
     dem_paths: Sequence[Path], scenario: Scenario, seed: int, keep: Path | None = None
 ) -> RigResult:
     """Calibrate one rig and judge its bundles."""
-    world = World.create(dem_paths, scenario, seed)
+    try:
+        world = World.create(dem_paths, _at_good_site(dem_paths, scenario, seed), seed)
+    except SimulationError as error:
+        return RigResult(seed, str(error))
     with tempfile.TemporaryDirectory(prefix="skyfix-rigs-") as scratch:
         folder = Path(scratch)
         try:
@@ -156,10 +161,35 @@ def _running(world: World, calibration: dict[str, Path] | None) -> Iterator[tupl
     with simulated_rig(world, picture=sight.picture, calibration=calibration) as rig:
         config = rig.config_path.read_text(encoding="utf-8")
         # As a careful installer has it: the gears' play stays on one side.
-        rig.config_path.write_text(
-            config.replace("[pan_tilt]\n", f"[pan_tilt]\ntake_up_deg = {TAKE_UP_DEG}\n")
+        config = config.replace("[pan_tilt]\n", f"[pan_tilt]\ntake_up_deg = {TAKE_UP_DEG}\n")
+        # Several rigs at once render their pictures slowly; what the camera does when it hangs is not tried here.
+        config = config.replace(
+            "[camera]\n", f"[camera]\nopen_timeout_s = {PATIENCE_S}\nread_timeout_s = {PATIENCE_S}\n"
         )
+        rig.config_path.write_text(config)
         yield rig, sight
+
+
+def _at_good_site(dem_paths: Sequence[Path], scenario: Scenario, seed: int) -> Scenario:
+    """The crew drives from where it is to the best place around that the tool knows."""
+    start = World.create(dem_paths, scenario, seed).place
+    dem = [word for path in dem_paths for word in ("--dem", str(path))]
+    near = f"{start.lat_deg:.5f},{start.lon_deg:.5f}"
+    command = [
+        "rig",
+        "calibrate",
+        "sites",
+        "--near",
+        near,
+        *dem,
+        "--mast",
+        str(scenario.vehicle.mast_height_m),
+    ]
+    done = operate([*command, "--count", "1", "--json"], {}, lambda line: None, lambda line: None)
+    _require(done)
+    best = json.loads(done.out)[0]
+    place = scenario.place.model_copy(update={key: best[key] for key in ("lat_deg", "lon_deg")})
+    return scenario.model_copy(update={"place": place})
 
 
 def _later(scenario: Scenario) -> Scenario:

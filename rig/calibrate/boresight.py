@@ -26,7 +26,7 @@ from rig.standing import Standing, measure_standing
 Vector = NDArray[np.float64]
 
 POINTS_APART_PX = 12
-LEAN_SHARE = 0.5  # of half the picture's height
+LEAN_SHARE = 0.65  # of half the picture's height
 CENTRAL_SHARE = 0.05
 LEAST_SIGMA_PX = 0.3
 HOLDS_SIGMAS = 3.0
@@ -67,6 +67,7 @@ def calibrate_boresight(session: Session, place: KnownPlace, sigmas: PlaceSigmas
             "points": len(fit.residual_deg),
             "misfit_deg": fit.misfit_deg,
             "misfit_sigmas": fit.misfit_sigmas,
+            "dem_factor": fit.dem_factor,
             "off_m": list(fit.off_m),
         },
     )
@@ -79,6 +80,7 @@ def calibrate_boresight(session: Session, place: KnownPlace, sigmas: PlaceSigmas
         ("heading: correction, deg", f"{fit.heading_offset_deg:.3f}", ""),
         ("place, m (east, north, up)", f"{east_m:.1f}, {north_m:.1f}, {up_m:.1f}", "from what was given"),
         ("misfit, deg", f"{fit.misfit_deg:.3f}", f"{len(fit.residual_deg)} points"),
+        ("DEM's ridges, m", "", f"{sigmas.dem_m * fit.dem_factor:.1f} as the skyline has it"),
     ]
     session.finish(document, rows, draw(fit, profile))
 
@@ -123,12 +125,12 @@ def look_round(
         in_passing(directions, standing.attitude, head, rig.pan_tilt.state().pan_deg)
     ):
         view = look(rig, direction, standing, head)
-        frames.append(skyline_frame(config, direction.label, standing, view))
+        frames.append(skyline_frame(config, direction.label, standing, view, number))
         here = view.state
         wanted_deg = here.tilt_deg + lean_deg(find_skyline(view.image_bgr), config.camera, number % 2 == 1)
         if low_deg <= wanted_deg <= high_deg:
             other = take_view(rig, JointAngles(here.pan_deg, wanted_deg), standing, head, [])
-            frames.append(skyline_frame(config, f"{direction.label} tilted", standing, other))
+            frames.append(skyline_frame(config, f"{direction.label} tilted", standing, other, number))
         say(f"{direction.label}: skyline in {view.skyline_share:.0%} of the columns")
     return frames
 
@@ -149,8 +151,8 @@ def lean_deg(skyline: Skyline, camera: CameraSection, up: bool) -> float:
     )
 
 
-def skyline_frame(config: RigConfig, label: str, standing: Standing, view: View) -> SkylineFrame:
-    """A view as the fit takes it."""
+def skyline_frame(config: RigConfig, label: str, standing: Standing, view: View, stop: int) -> SkylineFrame:
+    """A view as the fit takes it, from the pan's ``stop``."""
     before, after = view.before, view.state
     joints = JointAngles((before.pan_deg + after.pan_deg) / 2, (before.tilt_deg + after.tilt_deg) / 2)
     azimuth_deg = body_attitude(head_rotation(standing.attitude, joints)).azimuth_deg
@@ -171,6 +173,7 @@ def skyline_frame(config: RigConfig, label: str, standing: Standing, view: View)
         view.skyline_share,
         config.pan_tilt.azimuth_sigma_deg,
         config.inclinometer.tilt_sigma_deg,
+        stop,
     )
 
 

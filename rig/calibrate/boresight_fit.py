@@ -1,11 +1,11 @@
 """How the camera sits against head and sensors, from the skyline that a DEM has at a known place.
 
 Unknown are the camera's azimuth, tilt and roll in the head and an error of the heading. Beside them, as well as they are known
-beforehand: where exactly the camera stood, and each frame's own errors of azimuth and tilt. Camera azimuth and heading are told
-apart by what is known of the compass only; their sum is measured.
+beforehand: where exactly the camera stood, the azimuth's error at each stop of the pan and each frame's own of tilt. Camera
+azimuth and heading are told apart by frames of one ridge at several tilts; their sum is measured best.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from localizer.camera import azimuth_elevation_deg, camera_to_world
 from rig.calibrate.horizon_profile import HorizonProfile
-from rig.calibrate.solve import solve
+from rig.calibrate.ridge_errors import covariance_deg2, ridge_errors
+from rig.calibrate.solve import Solved, solve
 from rig.calibration import CalibrationError
 from rig.kinematics import Attitude, body_rotation, wrapped_deg
 
@@ -26,17 +27,23 @@ LEAST_FRAMES = 3
 LEAST_SHARE = 0.25
 MISFIT_LIMIT_DEG = 0.2
 MISFIT_SIGMAS = 3.0
+DEM_FACTOR_LIMIT = 5.0
+TILT_SIGMA_LIMIT_DEG = 0.05
 PLACE_SIGMAS = 4.0
 BORESIGHT_PRIOR_DEG = 30.0
 MAD_TO_SIGMA = 1.4826
 SEARCH_ROUNDS = 4
+ROUNDS = 2
+TRACED_SIGMA_DEG = 0.01
+"""A tenth of a pixel by which a bright sky makes every skyline look lower or higher: no number of points averages that away."""
 
 
 @dataclass(frozen=True)
 class SkylineFrame:
     """One frame: the head as joints, heading and inclinometer say, and the skyline's rays (n, 3) in the camera with sigmas.
 
-    ``share`` is the part of the columns that showed it. Sigmas of azimuth and tilt are this frame's own.
+    ``share`` is the part of the columns that showed it. The sigma of azimuth is of the pan's ``stop``, which frames may share;
+    that of tilt is this frame's own.
     """
 
     label: str
@@ -46,6 +53,7 @@ class SkylineFrame:
     share: float
     azimuth_sigma_deg: float
     tilt_sigma_deg: float
+    stop: int
 
 
 @dataclass(frozen=True)
@@ -62,7 +70,8 @@ class BoresightFit:
     """The camera in the head, and by how much headings have to be corrected.
 
     ``covariance_deg2`` (3, 3) is of the sum of these two azimuths, of tilt and of roll. ``off_m`` is east, north, up of the
-    place given. Per point: its frame's number, azimuth and elevation as seen, and what is left after the fit, degrees.
+    place given. ``dem_factor`` is how much worse the DEM is than told. Per point: its frame's number, azimuth and elevation as
+    seen, and what is left after the fit, degrees.
     """
 
     boresight: Attitude
@@ -71,6 +80,7 @@ class BoresightFit:
     off_m: tuple[float, float, float]
     misfit_deg: float
     misfit_sigmas: float
+    dem_factor: float
     frame: NDArray[np.int64]
     azimuth_deg: Vector
     elevation_deg: Vector
@@ -89,66 +99,108 @@ def fit_boresight(
     points = _Points(frames)
     search_deg = min(max(4.0 * heading_sigma_deg, 40.0), 180.0)
     shift_deg, tilt_deg, roll_deg = _search(points, profile, start, search_deg)
-    n = len(frames)
+    stops = max(frame.stop for frame in frames) + 1
     boresight = np.array([start.azimuth_deg, start.tilt_deg, start.roll_deg])
     # A large turn is the camera's as far as a camera can be turned in its head, the rest the heading's.
     of_camera_deg = shift_deg if abs(shift_deg) < 40.0 else 0.0
+    own = np.zeros(stops + len(frames))
     first = np.concatenate(
         [
             boresight + np.array([of_camera_deg, tilt_deg, roll_deg]),
             [shift_deg - of_camera_deg, 0.0, 0.0, 0.0],
-            np.zeros(2 * n),
+            own,
         ]
     )
+    stop_sigmas = {frame.stop: frame.azimuth_sigma_deg for frame in frames}
     prior_sigmas = np.concatenate(
         [
             np.full(3, BORESIGHT_PRIOR_DEG),
             [heading_sigma_deg, place.horizontal_m, place.horizontal_m, place.altitude_m],
-            [frame.azimuth_sigma_deg for frame in frames],
+            [stop_sigmas[stop] for stop in range(stops)],
             [frame.tilt_sigma_deg for frame in frames],
         ]
     )
-    priors_at = np.concatenate([boresight, np.zeros(4 + 2 * n)])
+    priors_at = np.concatenate([boresight, np.zeros(4), own])
 
-    def left(unknowns: Vector) -> tuple[Vector, Vector, Vector, Vector]:
-        turns_deg = unknowns[3] + unknowns[7 : 7 + n][points.frame]
+    def left(unknowns: Vector) -> _Left:
+        turns_deg = unknowns[3] + unknowns[7 : 7 + stops][points.stop]
         azimuth, elevation = points.seen(Attitude(*unknowns[:3].tolist()), turns_deg)
-        elevation = elevation + unknowns[7 + n :][points.frame]
+        elevation = elevation + unknowns[7 + stops :][points.frame]
         horizon, slope, sigma = profile.at(azimuth, unknowns[4:7], place.dem_m)
         # Across the skyline: on a steep flank a small turn makes a large difference of heights.
         across = np.sqrt(1.0 + (slope / np.cos(np.radians(elevation))) ** 2)
-        return azimuth, elevation, (elevation - horizon) / across, np.hypot(points.sigma_deg, sigma / across)
+        return _Left(azimuth, elevation, (elevation - horizon) / across, sigma / across)
 
-    def weighted(unknowns: Vector, doubt: float) -> Vector:
-        _, _, residual, sigma = left(unknowns)
-        return np.concatenate([residual / (sigma * doubt), (unknowns - priors_at) / prior_sigmas])
+    def known(unknowns: Vector) -> Vector:
+        return np.asarray((unknowns - priors_at) / prior_sigmas)
 
-    solved = solve(lambda unknowns: weighted(unknowns, 1.0), first, loss="soft_l1")
-    _, _, residual, sigma = left(solved.unknowns)
-    misfit_sigmas = MAD_TO_SIGMA * float(np.median(np.abs(residual / sigma)))
-    # Once more, each point with the weight that it has beside others that repeat it.
-    doubt = float(np.sqrt(_repeated(residual / sigma, points.frame))) * max(1.0, misfit_sigmas)
-    solved = solve(lambda unknowns: weighted(unknowns, doubt), solved.unknowns, loss="soft_l1")
-    azimuth, elevation, residual, _ = left(solved.unknowns)
-    misfit_deg = MAD_TO_SIGMA * float(np.median(np.abs(residual)))
+    def one_by_one(unknowns: Vector) -> Vector:
+        at = left(unknowns)
+        return np.concatenate([at.left_deg / np.hypot(points.sigma_deg, at.dem_deg), known(unknowns)])
+
+    solved = solve(one_by_one, first, loss="soft_l1")
+    at = left(solved.unknowns)
+    misfit_sigmas = MAD_TO_SIGMA * float(
+        np.median(np.abs(at.left_deg / np.hypot(points.sigma_deg, at.dem_deg)))
+    )
+    solved, dem_factor = _together(left, known, points.sigma_deg, profile, solved.unknowns)
+    at = left(solved.unknowns)
+    misfit_deg = MAD_TO_SIGMA * float(np.median(np.abs(at.left_deg)))
     together = np.zeros((3, len(first)))
     together[[0, 1, 2], [0, 1, 2]] = 1.0
     together[0, 3] = 1.0
+    covariance = together @ solved.covariance @ together.T
+    covariance[1, 1] += TRACED_SIGMA_DEG**2
     east_m, north_m, up_m = (float(x) for x in solved.unknowns[4:7])
     fit = BoresightFit(
         Attitude(*(wrapped_deg(float(x)) for x in solved.unknowns[:3])),
         wrapped_deg(float(solved.unknowns[3])),
-        together @ solved.covariance @ together.T,
+        covariance,
         (east_m, north_m, up_m),
         misfit_deg,
         misfit_sigmas,
+        dem_factor,
         points.frame,
-        azimuth,
-        elevation,
-        residual,
+        at.azimuth_deg,
+        at.elevation_deg,
+        at.left_deg,
     )
     _require_place(fit, place)
     return fit
+
+
+@dataclass(frozen=True)
+class _Left:
+    """Per point: azimuth and elevation as seen, what is left across the skyline, and the DEM's sigma there, degrees."""
+
+    azimuth_deg: Vector
+    elevation_deg: Vector
+    left_deg: Vector
+    dem_deg: Vector
+
+
+def _together(
+    left: Callable[[Vector], _Left],
+    known: Callable[[Vector], Vector],
+    image_deg: Vector,
+    profile: HorizonProfile,
+    start: Vector,
+) -> tuple[Solved, float]:
+    """The fit with each point's weight beside others of the same ridge, and the DEM's factor; from one that is close."""
+    unknowns = start
+    for _ in range(ROUNDS):
+        at = left(unknowns)
+        alike = covariance_deg2(at.dem_deg, at.azimuth_deg, profile.distance(at.azimuth_deg))
+        errors = ridge_errors(at.left_deg, image_deg, at.dem_deg, alike)
+        whiten = errors.whiten
+
+        def misfit(unknowns: Vector, whiten: Vector = whiten) -> Vector:
+            return np.concatenate([whiten @ left(unknowns).left_deg, known(unknowns)])
+
+        solved = solve(misfit, unknowns)
+        unknowns = solved.unknowns
+    white = errors.whiten @ left(unknowns).left_deg
+    return Solved(unknowns, solved.covariance * max(1.0, float(np.mean(white**2)))), errors.dem_factor
 
 
 class _Points:
@@ -156,6 +208,7 @@ class _Points:
 
     def __init__(self, frames: Sequence[SkylineFrame]) -> None:
         self.frame = np.concatenate([np.full(len(f.rays), i) for i, f in enumerate(frames)])
+        self.stop = np.concatenate([np.full(len(f.rays), f.stop) for f in frames])
         self.sigma_deg = np.concatenate([f.sigma_deg for f in frames])
         self._rays = [f.rays for f in frames]
         self._heads = [body_rotation(f.head) for f in frames]
@@ -203,23 +256,6 @@ def _search(
     return float(shifts[best]), float(levels[best][0]), -float(np.degrees(levels[best][1]))
 
 
-def _repeated(residual: Vector, frame: NDArray[np.int64]) -> float:
-    """How much neighbours repeat each other: 1 + 2 sum of the residuals' autocorrelations, while these are positive."""
-    bounded = np.clip(residual - np.median(residual), -3.0, 3.0)
-    total = float(np.mean(bounded**2))
-    factor, lag = 1.0, 1
-    while total > 0.0 and lag < 40:
-        pairs = frame[lag:] == frame[:-lag]
-        if not pairs.any():
-            break
-        correlation = float(np.mean((bounded[lag:] * bounded[:-lag])[pairs])) / total
-        if correlation < 0.05:
-            break
-        factor += 2.0 * correlation
-        lag += 1
-    return factor
-
-
 def _require_skyline(frames: Sequence[SkylineFrame]) -> None:
     seeing = [frame for frame in frames if frame.share >= LEAST_SHARE]
     if len(seeing) < LEAST_FRAMES:
@@ -231,14 +267,23 @@ def _require_skyline(frames: Sequence[SkylineFrame]) -> None:
 
 
 def _require_place(fit: BoresightFit, place: PlaceSigmas) -> None:
-    if fit.misfit_deg > MISFIT_LIMIT_DEG or fit.misfit_sigmas > MISFIT_SIGMAS:
+    # Near ridges may be off by more than the limit and yet be as the DEM's error has them.
+    unlike = fit.misfit_deg > MISFIT_LIMIT_DEG and fit.misfit_sigmas > 1.0
+    if unlike or fit.misfit_sigmas > MISFIT_SIGMAS or fit.dem_factor > DEM_FACTOR_LIMIT:
         raise CalibrationError(
-            f"boresight: the skyline is {fit.misfit_deg:.2f} deg ({fit.misfit_sigmas:.1f} sigma) off the DEM's at that "
-            "place: this is another place, or cloud stands for the ridge; check --at and the sight, and calibrate again"
+            f"boresight: the skyline is {fit.misfit_deg:.2f} deg ({fit.misfit_sigmas:.1f} sigma) off the DEM's at that place, "
+            f"as if its ridges were {place.dem_m * fit.dem_factor:.1f} m off: this is another place, or cloud stands for the "
+            "ridge; check --at and the sight, and calibrate again"
         )
     far_m = float(np.hypot(*fit.off_m[:2]))
     if far_m > PLACE_SIGMAS * place.horizontal_m:
         raise CalibrationError(
             f"boresight: the skyline fits better {far_m:.0f} m away (east {fit.off_m[0]:.0f}, north {fit.off_m[1]:.0f}); "
             "check --at, or say with --place-sigma how well it is known"
+        )
+    tilt_sigma_deg = float(np.sqrt(fit.covariance_deg2[1, 1]))
+    if tilt_sigma_deg > TILT_SIGMA_LIMIT_DEG:
+        raise CalibrationError(
+            f"boresight: the ridges are so near that the DEM's error leaves the tilt uncertain by {tilt_sigma_deg:.2f} deg; "
+            "drive where they are far: rig calibrate sites says where"
         )

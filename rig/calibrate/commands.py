@@ -167,16 +167,16 @@ def altimeter(
         calibrate_altimeter(session, KnownAltitude(altitude_m, sigma_m), air_c, drift_m_h)
 
 
-def known_place_of(at: str, dem_paths: tuple[Path, ...]) -> "KnownPlace":
+def known_place_of(at: str, dem_paths: tuple[Path, ...], option: str = "--at") -> "KnownPlace":
     from rig.calibrate.place import known_place, parse_place
 
     if not dem_paths:
-        raise click.UsageError("--at needs --dem FILE.")
+        raise click.UsageError(f"{option} needs --dem FILE.")
     try:
         lat_deg, lon_deg = parse_place(at)
     except ValueError as error:
-        raise click.UsageError(f"--at: {error}.") from error
-    return known_place(lat_deg, lon_deg, dem_paths)
+        raise click.UsageError(f"{option}: {error}.") from error
+    return known_place(lat_deg, lon_deg, dem_paths, option)
 
 
 @calibrate.command()
@@ -274,6 +274,62 @@ def boresight(
     with stopping_cleanly():
         sigmas = PlaceSigmas(place_sigma_m, dem_sigma_m, dem_sigma_m)
         calibrate_boresight(session, place, sigmas, directions)
+
+
+@calibrate.command()
+@click.option(
+    "--near", "near", metavar="LAT,LON", required=True, help="Where to look for places, WGS84 degrees."
+)
+@dem_option
+@click.option(
+    "--within", "within_km", type=click.FloatRange(0.05), default=5.0, show_default=True, help="Kilometres."
+)
+@click.option(
+    "--mast",
+    "mast_m",
+    type=click.FloatRange(0.1),
+    default=2.0,
+    show_default=True,
+    help="Camera above ground, metres.",
+)
+@place_sigma_option
+@dem_sigma_option
+@click.option("--count", type=click.IntRange(1, 50), default=5, show_default=True, help="How many to name.")
+@click.option("--json", "as_json", is_flag=True, help="Print a JSON list instead of lines.")
+def sites(
+    near: str,
+    dem_paths: tuple[Path, ...],
+    within_km: float,
+    mast_m: float,
+    place_sigma_m: float,
+    dem_sigma_m: float,
+    count: int,
+    as_json: bool,
+) -> None:
+    """Where to calibrate the boresight: places whose skyline is far and rugged, best first.
+
+    \b
+    Examples:
+      rig calibrate sites --near 37.2012,-122.1034 --dem terrain.tif
+      rig calibrate sites --near 37.2012,-122.1034 --dem terrain.tif --within 2 --json
+    """
+    import json
+    from dataclasses import asdict
+
+    from rig.calibrate.boresight_fit import PlaceSigmas
+    from rig.calibrate.sites import best_sites
+
+    place = known_place_of(near, dem_paths, "--near")
+    sigmas = PlaceSigmas(place_sigma_m, dem_sigma_m, dem_sigma_m)
+    found = best_sites(place, 1000.0 * within_km, mast_m, sigmas, count)
+    if as_json:
+        click.echo(json.dumps([asdict(site) for site in found], indent=2))
+        return
+    for site in found:
+        click.echo(
+            f"{site.lat_deg:.5f},{site.lon_deg:.5f}  ground {site.ground_m:.0f} m  tilt +- {site.tilt_sigma_deg:.3f} deg  "
+            f"azimuth +- {site.azimuth_sigma_deg:.3f} deg  {site.far_share:.0%} of the ridges farther than 1 km"
+        )
 
 
 board_option = click.option(

@@ -30,6 +30,10 @@ class HorizonProfile:
         """Elevation at any azimuths (n,)."""
         return self._between(self.elevation_deg, azimuth_deg)
 
+    def distance(self, azimuth_deg: Vector) -> Vector:
+        """How far the ridge is (n,), metres, at any azimuths (n,)."""
+        return self._between(self.distance_m, azimuth_deg)
+
     def at(self, azimuth_deg: Vector, off_m: Vector, dem_sigma_m: float) -> tuple[Vector, Vector, Vector]:
         """Elevation from a place off by (3,) metres, its slope along the azimuth, and its sigma by the DEM's heights."""
         profile = self.elevation_deg + off_m @ self.by_place

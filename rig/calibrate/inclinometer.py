@@ -18,7 +18,7 @@ from rig.connect import Rig, connect
 from rig.kinematics import JointAngles
 from rig.measure import still_level
 
-TILTS_DEG = (-25.0, 25.0, 45.0)
+TILTS_DEG = (-40.0, 45.0, 60.0)  # far apart: what the scale and the mounting lack grows with the tilt
 FROM_LIMIT_DEG = 4.0
 MOVED_LIMIT_DEG = 0.03
 
@@ -51,6 +51,7 @@ def calibrate_inclinometer(session: Session, angles: int, temperature_log: Path 
         drift_mg_c=drift_mg_c,
         zero_temperature_c=correction.zero_temperature_c,
         tilt_bias_sigma_deg=fit.tilt_sigma_deg,
+        roll_sigma_deg=float(np.hypot(config.inclinometer.tilt_sigma_deg, fit.roll_sigma_deg)),
         fit={
             "readings": len(readings),
             "rms_deg": fit.rms_deg,

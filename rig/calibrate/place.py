@@ -35,13 +35,15 @@ def parse_place(text: str) -> tuple[float, float]:
     return lat_deg, lon_deg
 
 
-def known_place(lat_deg: float, lon_deg: float, dem_paths: tuple[Path, ...]) -> KnownPlace:
+def known_place(
+    lat_deg: float, lon_deg: float, dem_paths: tuple[Path, ...], option: str = "--at"
+) -> KnownPlace:
     """The place in the elevation model. ``CalibrationError`` where that does not cover it."""
     dem = load_dem(dem_paths)
     row, col = (float(x) for x in lonlat_to_rowcol(dem, lon_deg, lat_deg))
     ground_m = float(dem.ground_m(row, col))
     if not np.isfinite(ground_m):
         raise CalibrationError(
-            f"--at {lat_deg:.5f},{lon_deg:.5f}: {dem_paths[0]} has no height there; check the place or take another DEM"
+            f"{option} {lat_deg:.5f},{lon_deg:.5f}: {dem_paths[0]} has no height there; check the place or take another DEM"
         )
     return KnownPlace(lat_deg, lon_deg, dem, row, col, ground_m)

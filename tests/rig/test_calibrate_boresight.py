@@ -31,7 +31,7 @@ def frames(profile: HorizonProfile, share: float = 1.0) -> list[SkylineFrame]:
     """Sixteen frames all round, high and low, by a camera that sits like CAMERA, azimuths off by HEADING_DEG."""
     rng = np.random.default_rng(8)
     found = []
-    for azimuth_deg in np.arange(0.0, 360.0, 45.0):
+    for stop, azimuth_deg in enumerate(np.arange(0.0, 360.0, 45.0)):
         for tilt_deg in (-3.0, 11.0):
             head = Attitude(azimuth_deg, tilt_deg, rng.normal(0.0, 3.0))
             true = Attitude(azimuth_deg + HEADING_DEG + rng.normal(0.0, 0.03), head.tilt_deg, head.roll_deg)
@@ -41,7 +41,7 @@ def frames(profile: HorizonProfile, share: float = 1.0) -> list[SkylineFrame]:
             a, e = np.radians(at), np.radians(up)
             world = np.column_stack([np.sin(a) * np.cos(e), np.cos(a) * np.cos(e), np.sin(e)])
             rays = world @ turn
-            found.append(SkylineFrame("f", head, rays, np.full(len(at), 0.04), share, 0.1, 0.01))
+            found.append(SkylineFrame("f", head, rays, np.full(len(at), 0.04), share, 0.1, 0.01, stop))
     return found
 
 
@@ -62,7 +62,7 @@ def test_frames_at_one_tilt_do_not_tell_camera_from_heading() -> None:
     level = [frame for frame in frames(profile) if frame.head.tilt_deg < 0.0]
     fit = fit_boresight(level, profile, UNKNOWN, 0.01, SIGMAS)
     together = fit.boresight.azimuth_deg + fit.heading_offset_deg
-    assert together == pytest.approx(CAMERA.azimuth_deg + HEADING_DEG, abs=0.05)
+    assert together == pytest.approx(CAMERA.azimuth_deg + HEADING_DEG, abs=0.1)
     assert abs(fit.heading_offset_deg) < 0.05, "a compass that is sure is believed"
 
 

@@ -12,7 +12,9 @@ from rig.config import load_config
 VEHICLE = Path(__file__).parents[2] / "configs" / "vehicle.toml"
 
 
-@pytest.mark.parametrize("command", ["camera", "inclinometer", "compass", "altimeter", "boresight", "board"])
+@pytest.mark.parametrize(
+    "command", ["camera", "inclinometer", "compass", "altimeter", "boresight", "board", "sites"]
+)
 def test_help_has_an_example(run: Run, command: str) -> None:
     status, out, _ = run("calibrate", command, "--help")
     assert status == 0
