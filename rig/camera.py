@@ -5,11 +5,13 @@ when a picture is wanted gets one from before the head turned. Here a thread tak
 those who wait are given only frames that cannot be older than the moment they name.
 """
 
+import http.client
 import math
 import os
 import re
 import threading
 import time
+import urllib.request
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -33,6 +35,7 @@ Image = NDArray[np.uint8]
 
 WAITED_S = 0.004
 """A grab that took longer found nothing to take, and waited: the frame that it returned came after it began."""
+V4L2_AUTOMATIC, V4L2_MANUAL = 3, 1
 THREAD_END_S = 2.0
 REOPEN_PAUSE_S = 0.2
 
@@ -64,6 +67,8 @@ class Camera:
         self._newest: TimedFrame | None = None
         self._count = 0
         self._first_at_s = math.nan
+        self._wanted_ev = 0.0
+        self._is_local = isinstance(section.source, int) or section.source.startswith("/dev/")
         self._thread = threading.Thread(target=self._read, name=self.name, daemon=True)
         self._thread.start()
 
@@ -92,6 +97,34 @@ class Camera:
         if newest is None or count < 2:
             return math.nan
         return (count - 1) / (newest.arrived.monotonic_s - self._first_at_s)
+
+    @property
+    def can_expose(self) -> bool:
+        """Whether there is a way to tell the camera how to expose."""
+        return self._is_local or self._section.exposure_url is not None
+
+    def expose(self, ev: float) -> None:
+        """Expose by ``ev`` stops more than the camera does of itself; 0 leaves it to itself again.
+
+        Raises ``TransientError`` where a network camera does not take it.
+        """
+        self._wanted_ev = ev  # a local camera is told by the thread that reads it
+        url = self._section.exposure_url
+        if url is None or self._is_local:
+            return
+        try:
+            with urllib.request.urlopen(
+                url.replace("{ev}", f"{ev:g}"), timeout=self._section.read_timeout_s
+            ) as reply:
+                reply.read()
+        except (OSError, http.client.HTTPException) as error:
+            raise self._error(
+                f"takes no exposure ({error})", "check its network and [camera] exposure_url"
+            ) from error
+
+    def settled_s(self) -> float:
+        """When (monotonic) pictures show an exposure that is told now."""
+        return time.monotonic() + self._section.exposure_settle_s
 
     def frames_after(self, monotonic_s: float, count: int) -> list[TimedFrame]:
         """``count`` frames that arrive no earlier than a moment, which may be to come.
@@ -162,7 +195,10 @@ class Camera:
         try:
             capture = self._open()
             not_before_s = -math.inf
+            exposure = LocalExposure(capture) if self._is_local else None
             while not self._stop.is_set():
+                if exposure is not None:
+                    exposure.set(self._wanted_ev)
                 begun_s = time.monotonic()
                 if not capture.grab():
                     raise self._error(
@@ -193,7 +229,7 @@ class Camera:
     def _open(self) -> cv2.VideoCapture:
         section = self._section
         cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-        if isinstance(section.source, int) or section.source.startswith("/dev/"):
+        if self._is_local:
             capture = cv2.VideoCapture(section.source, cv2.CAP_V4L2)
             # Asked for, not relied upon: the frame's own size is checked.
             capture.set(cv2.CAP_PROP_FRAME_WIDTH, section.width_px)
@@ -222,6 +258,28 @@ class Camera:
                 "set the camera to that size, or [camera] to a calibration of this one",
             )
         return np.asarray(image, np.uint8)
+
+
+class LocalExposure:
+    """The exposure of a V4L2 camera, in stops from what its automatic chose last."""
+
+    def __init__(self, capture: cv2.VideoCapture) -> None:
+        self._capture = capture
+        self._ev = 0.0
+        self._usual = 0.0
+
+    def set(self, ev: float) -> None:
+        """Set it where it is another one. A driver without such controls ignores it."""
+        if ev == self._ev:
+            return
+        if self._ev == 0.0:
+            self._usual = self._capture.get(cv2.CAP_PROP_EXPOSURE)
+        self._ev = ev
+        if ev == 0.0:
+            self._capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, V4L2_AUTOMATIC)
+            return
+        self._capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, V4L2_MANUAL)
+        self._capture.set(cv2.CAP_PROP_EXPOSURE, self._usual * 2.0**ev)
 
 
 def average(frames: Sequence[TimedFrame]) -> Image:

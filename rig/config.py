@@ -278,6 +278,7 @@ class CameraSection(Section):
     distortion: Annotated[tuple[Finite, Finite, Finite, Finite, Finite], Field(strict=False)] = (0.0,) * 5
     frames_per_direction: Annotated[int, Field(ge=1, le=100)] = 4
     exposure_settle_s: Annotated[float, Field(ge=0.0, le=30.0)] = 0.3
+    exposure_url: Annotated[str, Field(pattern=r"^https?://.*\{ev\}")] | None = None
     open_timeout_s: Positive = 5.0
     read_timeout_s: Positive = 2.0
     boresight_azimuth_deg: Annotated[float, Field(ge=-45.0, le=45.0)] = 0.0

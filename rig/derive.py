@@ -75,7 +75,7 @@ def calibration_record(config: RigConfig, standing: Standing) -> dict[str, Any]:
 def configured_calibration(config: RigConfig) -> dict[str, Any]:
     """The configuration that was in force, with what calibrations had replaced, as JSON values.
 
-    Without the camera's source: the URL of a network camera often has its password in it.
+    Without the camera's URLs: they often have a password in them.
     """
     return config.model_dump(
         mode="json",
@@ -84,6 +84,6 @@ def configured_calibration(config: RigConfig) -> dict[str, Any]:
             "calibration": True,
             "run": True,
             "rig": {"bundle_dir", "telemetry_dir"},
-            "camera": {"source"},
+            "camera": {"source", "exposure_url"},
         },
     )

@@ -1,15 +1,14 @@
-"""Pictures of one view that can be relied on: taken again where they are black, frozen, old or blurred."""
+"""Pictures of one view that can be relied on: taken again where they are black, frozen, old, blurred or burnt out."""
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from localizer.horizon.from_image import Skyline, find_skyline
+from rig.bracketing import Pictures, bracketed, pictures_of
 from rig.bus.retry import retry
-from rig.camera import Camera, TimedFrame, average
+from rig.camera import Camera
 from rig.errors import TransientError
 from rig.frame_quality import Seen, blur, defect, thumbnail
 from rig.kinematics import JointAngles
@@ -26,21 +25,13 @@ REMEDIES = {
 REMEDY = "restart the camera, and look at its cable or network"
 
 
-@dataclass(frozen=True)
-class Pictures:
-    """Frames of one view, their mean (height, width, 3), BGR, and its skyline."""
-
-    frames: list[TimedFrame]
-    image_bgr: NDArray[np.uint8]
-    skyline: Skyline
-
-
 def take_pictures(
     camera: Camera, count: int, not_before_s: float, joints: JointAngles, seen: Sequence[Seen]
 ) -> Pictures:
     """``count`` frames that arrive no earlier than a moment (monotonic) while the head stands at ``joints``.
 
-    ``seen`` are earlier views. Raises ``DeviceError`` as the camera does, and where the pictures do not get better.
+    ``seen`` are earlier views. A burnt-out sky is taken darker where the camera lets itself be told. Raises ``DeviceError`` as
+    the camera does, and where the pictures do not get better.
     """
     begins_s = not_before_s
 
@@ -51,14 +42,13 @@ def take_pictures(
         problem = defect([frame.image_bgr for frame in frames], joints.pan_deg, joints.tilt_deg, seen)
         if problem:
             raise _bad(camera, problem)
-        image = average(frames)
-        skyline = find_skyline(image)
-        problem = blur(image, skyline)
+        pictures = pictures_of(frames)
+        problem = blur(pictures.image_bgr, pictures.skyline)
         if problem:
             raise _bad(camera, problem)
-        return Pictures(frames, image, skyline)
+        return pictures
 
-    return retry(take, tries=TRIES, within_s=WITHIN_S, pause_s=PAUSE_S)
+    return bracketed(camera, retry(take, tries=TRIES, within_s=WITHIN_S, pause_s=PAUSE_S))
 
 
 def seen_at(joints: JointAngles, image_bgr: NDArray[np.uint8]) -> Seen:

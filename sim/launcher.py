@@ -229,6 +229,7 @@ def simulated_rig(
             compass=keys(others["compass"]),
             altimeter=keys(others["altimeter"]),
             camera_source=camera.url,
+            camera_exposure_url=camera.exposure_url,
             bundle_dir=bundle_dir,
             calibration={kind: str(file.absolute()) for kind, file in (calibration or {}).items()},
             run=run,

@@ -38,6 +38,7 @@ def rig_config(
     compass: Mapping[str, Any],
     altimeter: Mapping[str, Any],
     camera_source: str,
+    camera_exposure_url: str | None,
     bundle_dir: Path,
     calibration: Mapping[str, str],
     run: Mapping[str, Mapping[str, Any]],
@@ -66,12 +67,8 @@ def rig_config(
             "inclinometer": {
                 **inclinometer,
                 "tilt_sigma_deg": 0.01,
-                "roll_sigma_deg": round(
-                    math.hypot(_zero_sigma_deg(scenario), scenario.boresight.roll_sigma_deg), 4
-                ),
-                "tilt_bias_sigma_deg": round(
-                    math.hypot(_zero_sigma_deg(scenario), scenario.boresight.tilt_sigma_deg), 4
-                ),
+                "roll_sigma_deg": round(_zero_sigma_deg(scenario), 4),
+                "tilt_bias_sigma_deg": round(_zero_sigma_deg(scenario), 4),
             },
             "compass": {**compass, "azimuth_bias_sigma_deg": round(_compass_sigma_deg(world), 2)},
             "altimeter": {
@@ -83,8 +80,11 @@ def rig_config(
             },
             "camera": {
                 "source": camera_source,
+                "exposure_url": camera_exposure_url,
                 "width_px": camera.width_px,
                 "height_px": camera.height_px,
+                "boresight_tilt_sigma_deg": scenario.boresight.tilt_sigma_deg,
+                "boresight_roll_sigma_deg": scenario.boresight.roll_sigma_deg,
                 **_told_intrinsics(world),
             },
             "calibration": calibration,

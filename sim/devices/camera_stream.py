@@ -1,6 +1,7 @@
 """A camera as an MJPEG stream over HTTP on loopback: each frame is taken at the moment that it is sent."""
 
 import contextlib
+import re
 import socket
 import threading
 import time
@@ -13,13 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 PATH = "/stream.mjpg"
+EXPOSURE = re.compile(r"/exposure\?ev=(-?\d+(?:\.\d+)?)")
+GAMMA = 2.2
 BOUNDARY = "frame"
 
 
 class CameraStream:
     """Serves ``frame()`` (height, width, 3; BGR) at ``rate_hz`` to whoever connects; idle while nobody does.
 
-    ``alter`` may change a picture before it is sent, or hold it back (None).
+    ``alter`` may change a picture before it is sent, or hold it back (None). GET /exposure?ev=-1 halves the light.
     """
 
     def __init__(
@@ -27,6 +30,7 @@ class CameraStream:
     ) -> None:
         self._frame = frame
         self.alter: Callable[[NDArray[np.uint8]], NDArray[np.uint8] | None] = lambda picture: picture
+        self._ev = 0.0
         self._period_s = 1.0 / rate_hz
         self._jpeg_quality = jpeg_quality
         self._closing = threading.Event()
@@ -43,6 +47,11 @@ class CameraStream:
     def url(self) -> str:
         """What a rig configuration names as the source."""
         return f"http://127.0.0.1:{self._server.server_port}{PATH}"
+
+    @property
+    def exposure_url(self) -> str:
+        """What a rig configuration names to set the exposure."""
+        return f"http://127.0.0.1:{self._server.server_port}/exposure?ev={{ev}}"
 
     def close(self) -> None:
         """End all streams and the server. May be called twice."""
@@ -72,6 +81,13 @@ class CameraStream:
 
         class Handler(BaseHTTPRequestHandler):
             def do_GET(self) -> None:
+                exposure = EXPOSURE.fullmatch(self.path)
+                if exposure and not stream._absent.is_set():
+                    stream._ev = float(exposure.group(1))
+                    self.send_response(HTTPStatus.OK)
+                    self.send_header("Content-Length", "0")
+                    self.end_headers()
+                    return
                 if self.path != PATH or stream._absent.is_set():
                     self.send_error(HTTPStatus.NOT_FOUND)
                     return
@@ -91,7 +107,7 @@ class CameraStream:
     def _send_frames(self, write: Callable[[bytes], object]) -> None:
         due_s = time.monotonic()
         while not self._closing.is_set():
-            picture = self.alter(self._frame())
+            picture = self.alter(_exposed(self._frame(), self._ev))
             if picture is not None:
                 ok, jpeg = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, self._jpeg_quality])
                 assert ok
@@ -99,3 +115,11 @@ class CameraStream:
                 write(head.encode("ascii") + jpeg.tobytes() + b"\r\n")
             due_s = max(due_s + self._period_s, time.monotonic())
             self._closing.wait(due_s - time.monotonic())
+
+
+def _exposed(picture: NDArray[np.uint8], ev: float) -> NDArray[np.uint8]:
+    """The picture with 2**ev times the light, in the levels that a camera makes of it."""
+    if ev == 0.0:
+        return picture
+    levels = np.rint(picture.astype(np.float32) * 2.0 ** (ev / GAMMA))
+    return np.asarray(np.clip(levels, 0.0, 255.0), np.uint8)
