@@ -197,5 +197,6 @@ def test_units_are_those_of_the_manual():
 def test_a_late_answer_to_an_earlier_packet_is_no_refusal_to_read(bus, servos):
     data_range = 4
     servos.noise_before = status_packet(1, data_range, b"")
+    servos.corrupt_next = 1
     with pytest.raises(TransientError, match="answered an earlier instruction, late"):
         bus.read(1, POSITION, 4)
