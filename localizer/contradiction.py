@@ -4,25 +4,21 @@ Its picture may show another place, its tilt may have been read while the head m
 search weighs single columns down, but a whole frame of them pulls the fit away or leaves no place at all.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from localizer.answer import Located
 from localizer.details import CONTRADICTS
 from localizer.horizon.from_terrain import Terrain, horizon
 from localizer.observation import FrameObservation, Observation
 from localizer.search.contours import frame_contour
 from localizer.search.decide import CERTAIN_EVIDENCE
-from localizer.search.refine import NEAR_CELLS, Refined
-
-if TYPE_CHECKING:
-    from localizer.locate import Located
+from localizer.search.refine import Refined
+from localizer.search.residuals import NEAR_CELLS
 
 LEAST_INLIERS = 0.75
 """The others must fit better than is asked of a whole bundle: one of several was picked for them to do so."""

@@ -3,41 +3,30 @@
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from localizer.answer import Located, fix_of, metric_covariance
 from localizer.bundle import Bundle, frame_image
 from localizer.camera import camera_to_world, project
 from localizer.contradiction import Settled, settle_frames
 from localizer.dem import Dem
 from localizer.details import FrameDetail, LocateDetails, LocateResult, SolvedErrors
-from localizer.fix import Candidate, Fix, Nuisance, Position, Stage1Counts
-from localizer.geodesy import enu_to_metric_jacobian, lonlat_to_rowcol, rowcol_to_lonlat, rowcol_to_metric
+from localizer.geodesy import lonlat_to_rowcol
 from localizer.horizon.from_image import CONFIDENT, ColumnState, Skyline, find_skyline
 from localizer.horizon.from_terrain import Terrain, horizon, horizon_around, prepare_terrain
 from localizer.observation import FrameObservation, Observation, PriorCircle
+from localizer.search.contest import contest
 from localizer.search.contours import BINS, FrameContour, MeasuredSkyline, frame_contour, measured_skyline
-from localizer.search.decide import Decision, decide, explains
-from localizer.search.error_model import ErrorModel
-from localizer.search.refine import (
-    FIRST_LENGTH_CELLS,
-    LIKELY_FROM,
-    Noise,
-    Problem,
-    Refined,
-    places_around,
-    refine,
-    usual_noise,
-)
+from localizer.search.decide import Decision
+from localizer.search.refine import Refined
 from localizer.search.stage1 import Band, Stage1, bands, half_cell_relief, heading_offsets_deg, search_stage1
-from localizer.search.stage2 import Scored, apart, search_stage2
+from localizer.search.stage2 import Scored, search_stage2
 
 Floats = NDArray[np.float64]
 
-LARGEST_DEM_ERROR = 4.0
-"""A DEM's error is at most so many times what is usual for one of its kind."""
 COLUMNS_EVERY_DEG = ((6.0, 600), (2.0, 150))
 """Stage 2's rounds: the columns' spacing, and how many cells go on to the next."""
 MOST_CELLS = 30000
@@ -46,25 +35,6 @@ PROMISING_CELLS = 1500
 """... then at all around the best of those."""
 HEADING_STEP_DEG = 2.0
 """Stage 2's hypotheses for the heading lie no further apart."""
-STARTS = 12
-START_RADIUS_CELLS = 1.5
-COARSE_COLUMNS = 120
-"""Columns of all frames together in the first refinement of each start, and ..."""
-CONTEST_COLUMNS = 480
-"""... in the comparison of the contenders."""
-CONTENDERS = 5
-CONTEST_MARGIN = 0.5
-"""A start whose columns are less likely than the best one's by this much each (in logarithms) is no contender."""
-LOOK_ABOUT_CELLS = (2.4, 0.4)
-"""How far around a fit other places are tried for a better one, and how far apart these are."""
-LOOK_ABOUT_STARTS = 3
-FINALISTS = 2
-BLUNTING_PER_M = 10.0
-"""By how much the log-likelihood of peaks close to each other is divided for each metre of the DEM's error: the error model is
-only about right, and what a horizon does where one ridge hides another depends on details that it does not have."""
-LOOK_ABOUT_ERRORS = (0.2, 1.5)
-"""What is taken for a DEM's error in that, in terms of what is usual."""
-SAME_PLACE_CELLS = 2.0
 SMALLEST_SIGMA_M = 0.01
 """Of an altimeter; less is a promise that nobody keeps and that the equations cannot be solved with."""
 SMALLEST_SIGMA_PX = 0.15
@@ -84,16 +54,6 @@ class _Watch:
             yield
         finally:
             self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - begin
-
-
-@dataclass(frozen=True)
-class Located:
-    """The answer to an observation. ``best`` is None where no place fits."""
-
-    decision: Decision
-    best: Refined | None
-    stage1: Stage1
-    timing_s: dict[str, float]
 
 
 def locate_bundle(bundle: Bundle, dem: Dem) -> LocateResult:
@@ -209,7 +169,7 @@ def _among(
     with watch.part("stage2"):
         scored = _stage2(terrain, observation, skyline, cells, offsets)
     with watch.part("refine"):
-        return _settle(terrain, observation, contours, scored)
+        return contest(terrain, observation, contours, scored)
 
 
 def _stage2(
@@ -263,176 +223,6 @@ def _around(
     return cells[near[cells[:, 0] // stride, cells[:, 1] // stride]]
 
 
-def _settle(
-    terrain: Terrain, observation: Observation, contours: tuple[FrameContour, ...], scored: Scored
-) -> tuple[Decision, Refined | None]:
-    """Refine the best cells, coarsely all, then the contenders under one error model, then the winner with all columns."""
-    largest = LARGEST_DEM_ERROR * terrain.usual_error_m
-    columns = sum(len(c.rays) for c in contours)
-    coarse = Problem(terrain, observation, contours, stride=max(1, columns // COARSE_COLUMNS))
-    refined = []
-    for i in apart(scored, STARTS, START_RADIUS_CELLS):
-        row, col = scored.cells[i].astype(float)
-        refined.append(
-            refine(
-                coarse,
-                row,
-                col,
-                _first_altitude(terrain, observation, row, col),
-                float(scored.azimuth_bias_deg[i]),
-                iterations=4,
-                noise=usual_noise(terrain, 2.0 * terrain.usual_error_m),
-                largest_dem_error_m=largest,
-                settle=True,
-            )
-        )
-    refined.sort(key=lambda r: r.misfit_per_column)
-    promising = _distinct(refined, SAME_PLACE_CELLS)[:CONTENDERS]
-    refined = [_again(coarse, start, largest, settle=True, iterations=8) for start in promising]
-    refined.sort(key=lambda r: r.misfit_per_column)
-    contenders = [
-        c
-        for c in _distinct(refined, SAME_PLACE_CELLS)
-        if c.misfit_per_column < refined[0].misfit_per_column + CONTEST_MARGIN
-    ]
-    full = Problem(terrain, observation, contours)
-    stride = max(1, columns // CONTEST_COLUMNS)
-    middle = Problem(terrain, observation, contours, stride)
-    best = _best_nearby(full, middle, coarse, _again(full, contenders[0], largest, settle=True), largest)
-    held = Noise(best.dem_error_m, max(1.0, best.correlation_columns / stride), best.error_model)
-    compared = [_again(middle, best, largest, held=held)] + [
-        _nearby(middle, coarse, _again(middle, c, largest, held=held), held, largest) for c in contenders[1:]
-    ]
-    compared = _distinct(sorted(compared, key=lambda r: r.cost), SAME_PLACE_CELLS)
-    priors = 2 + 2 + 3 * len(contours)
-    decision = decide(compared, best.evidence, terrain.cell_m)
-    winner = decision.candidates[0]
-    if np.hypot(winner.row - best.row, winner.col - best.col) > SAME_PLACE_CELLS:
-        best = _best_nearby(full, middle, coarse, _again(full, winner, largest, settle=True), largest)
-    if not explains(best, largest, priors):
-        return Decision("none", [], np.zeros(0)), None
-    return decision, best
-
-
-def _best_nearby(full: Problem, middle: Problem, coarse: Problem, found: Refined, largest: float) -> Refined:
-    """The best place around a fit, with all columns, its noise estimated there.
-
-    A fit beside the best place may have taken its misfit for the DEM's error, and a larger error leaves it no reason to move.
-    So the search about it takes several sizes for granted, each of the places found has its own noise estimated, and the
-    likeliest under its own counts.
-    """
-    usual = full.terrain.usual_error_m
-    length_m = FIRST_LENGTH_CELLS * full.terrain.cell_m
-    ratio = len(middle.sigma_rad) / len(full.sigma_rad)
-    correlation = max(1.0, found.correlation_columns * ratio)
-    noises = [Noise(found.dem_error_m, correlation, found.error_model)] + [
-        Noise(share * usual, correlation, ErrorModel(0.1 * share * usual, share * usual, length_m))
-        for share in LOOK_ABOUT_ERRORS
-    ]
-    around = places_around(coarse, found, noises, *LOOK_ABOUT_CELLS, LOOK_ABOUT_STARTS)
-    fits = [
-        refine(
-            middle,
-            row,
-            col,
-            altitude_m,
-            found.azimuth_bias_deg,
-            iterations=8,
-            noise=noise,
-            largest_dem_error_m=largest,
-            settle=True,
-            likely_from=0,
-        )
-        for row, col, altitude_m, noise in around
-    ]
-    starts = _distinct(sorted(fits, key=lambda r: r.fit_cost), LOOK_ABOUT_CELLS[1])[:FINALISTS]
-    finals = [found, *(_again(full, start, largest, settle=True, likely_from=0) for start in starts)]
-    return _doubted(min(finals, key=lambda r: r.fit_cost), fits, full.terrain)
-
-
-def _doubted(best: Refined, others: list[Refined], terrain: Terrain) -> Refined:
-    """The best fit, its covariance widened by the other peaks close by that may be the right one."""
-    if not others:
-        return best
-    cost = np.array([best.fit_cost, *(r.fit_cost for r in others)])
-    cost[0] = cost[1:].min()  # of all columns, the others of some
-    share = np.exp((cost.min() - cost) / (1.0 + BLUNTING_PER_M * best.error_model.smooth_m))
-    share /= share.sum()
-    off_m = np.array(
-        [
-            [
-                (r.col - best.col) * terrain.dem.spacing_ew_m,
-                (best.row - r.row) * terrain.dem.spacing_ns_m,
-            ]
-            for r in (best, *others)
-        ]
-    )
-    return replace(best, covariance_enu_m2=best.covariance_enu_m2 + (share[:, None] * off_m).T @ off_m)
-
-
-def _nearby(middle: Problem, coarse: Problem, found: Refined, noise: Noise, largest: float) -> Refined:
-    """The best fit with held noise that starts from one of the likeliest places around another."""
-    around = [
-        refine(
-            middle,
-            row,
-            col,
-            altitude_m,
-            found.azimuth_bias_deg,
-            iterations=8,
-            noise=noise,
-            largest_dem_error_m=largest,
-            settle=False,
-        )
-        for row, col, altitude_m, _ in places_around(
-            coarse, found, [noise], *LOOK_ABOUT_CELLS, LOOK_ABOUT_STARTS
-        )
-    ]
-    return min(around or [found], key=lambda r: r.fit_cost)
-
-
-def _again(
-    problem: Problem,
-    start: Refined,
-    largest: float,
-    *,
-    settle: bool = False,
-    held: Noise | None = None,
-    iterations: int = 24,
-    likely_from: int = LIKELY_FROM,
-) -> Refined:
-    """Refine once more from where a coarser refinement ended; ``held``: the noise not to estimate anew."""
-    return refine(
-        problem,
-        start.row,
-        start.col,
-        start.altitude_m,
-        start.azimuth_bias_deg,
-        iterations=iterations,
-        noise=held or Noise(start.dem_error_m, start.correlation_columns, start.error_model),
-        largest_dem_error_m=largest,
-        settle=settle,
-        likely_from=likely_from,
-    )
-
-
-def _distinct(candidates: list[Refined], radius_cells: float) -> list[Refined]:
-    """The first of each group of candidates that lie within ``radius_cells`` of each other."""
-    kept: list[Refined] = []
-    for c in candidates:
-        if all(np.hypot(c.row - k.row, c.col - k.col) > radius_cells for k in kept):
-            kept.append(c)
-    return kept
-
-
-def _first_altitude(terrain: Terrain, observation: Observation, row: float, col: float) -> float:
-    ground = float(terrain.dem.ground_m(row, col)) + observation.mast_height_m
-    if observation.altitude_m is None:
-        return ground
-    weight = 1.0 / np.array([terrain.usual_error_m, observation.altitude_sigma_m]) ** 2
-    return float(weight @ [ground, observation.altitude_m] / weight.sum())
-
-
 def _within_prior(terrain: Terrain, observation: Observation) -> NDArray[np.bool_] | None:
     """Cells (rows, cols) inside the prior's circle; None without a prior."""
     prior = observation.prior
@@ -443,69 +233,6 @@ def _within_prior(terrain: Terrain, observation: Observation) -> NDArray[np.bool
     south = (np.arange(dem.rows) - float(row))[:, None] * dem.spacing_ns_m
     east = (np.arange(dem.cols) - float(col))[None, :] * dem.spacing_ew_m
     return np.asarray(np.hypot(south, east) <= prior.radius_m)
-
-
-def fix_of(
-    terrain: Terrain, observation: Observation, located: Located, bundle_id: str, timing_s: dict[str, float]
-) -> Fix:
-    """The answer in the contract's terms."""
-    dem = terrain.dem
-    decision, best, stage1 = located.decision, located.best, located.stage1
-    after = {label: len(cells) for label, cells in stage1.survivors.items()}
-    counts = Stage1Counts(
-        cells=stage1.cells,
-        after_altitude=after.pop("altitude"),
-        after=after,
-        points_explored=stage1.points_explored,
-    )
-    candidates = []
-    for refined, probability in zip(decision.candidates, decision.probabilities, strict=True):
-        easting, northing = rowcol_to_metric(dem, refined.row, refined.col)
-        rms = float(np.sqrt(np.mean(np.square(list(refined.residual_px.values())))))
-        candidates.append(
-            Candidate(
-                easting_m=float(easting),
-                northing_m=float(northing),
-                probability=float(probability),
-                rms_px=rms,
-            )
-        )
-    position = covariance = nuisance = None
-    if best is not None:
-        easting, northing = rowcol_to_metric(dem, best.row, best.col)
-        lon, lat = rowcol_to_lonlat(dem, best.row, best.col)
-        ground = float(dem.ground_m(best.row, best.col))
-        position = Position(
-            easting_m=float(easting),
-            northing_m=float(northing),
-            crs=dem.metric_crs.to_string(),
-            lat_deg=float(lat),
-            lon_deg=float(lon),
-            ground_m=ground if np.isfinite(ground) else best.altitude_m - observation.mast_height_m,
-            row=best.row,
-            col=best.col,
-        )
-        c = _metric_covariance(terrain, best)
-        covariance = ((float(c[0, 0]), float(c[0, 1])), (float(c[1, 0]), float(c[1, 1])))
-        nuisance = Nuisance(
-            azimuth_bias_deg=best.azimuth_bias_deg,
-            tilt_bias_deg=best.tilt_bias_deg,
-            altitude_bias_m=0.0
-            if observation.altitude_m is None
-            else observation.altitude_m - best.altitude_m,
-        )
-    return Fix(
-        bundle=bundle_id,
-        status=decision.status,
-        position=position,
-        covariance_m2=covariance,
-        probability=float(decision.probabilities[0]) if len(decision.probabilities) else 0.0,
-        candidates=tuple(candidates),
-        stage1=counts,
-        residual=best.residual_px if best else {},
-        nuisance=nuisance,
-        timing_s=timing_s,
-    )
 
 
 def _usable(skyline: Skyline) -> NDArray[np.bool_]:
@@ -563,15 +290,9 @@ def _details(
         tuple(frames),
         located.stage1.survivors,
         np.array([[c.row, c.col] for c in candidates]).reshape(-1, 2),
-        np.array([_metric_covariance(terrain, c) for c in candidates]).reshape(-1, 2, 2),
+        np.array([metric_covariance(terrain, c) for c in candidates]).reshape(-1, 2, 2),
         None if best is None else _solved_errors(best),
     )
-
-
-def _metric_covariance(terrain: Terrain, refined: Refined) -> Floats:
-    """(2, 2) of easting and northing."""
-    turn = enu_to_metric_jacobian(terrain.dem, refined.row, refined.col)
-    return np.asarray(turn @ refined.covariance_enu_m2 @ turn.T)
 
 
 def _solved_errors(best: Refined) -> SolvedErrors:

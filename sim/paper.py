@@ -10,10 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
+from localizer.answer import Located
 from localizer.dem import load_dem
 from localizer.horizon.from_terrain import Terrain as SearchedTerrain
 from localizer.horizon.from_terrain import prepare_terrain
-from localizer.locate import Located, locate
+from localizer.locate import locate
 from localizer.observation import Observation
 from localizer.search.grid_only import grid_only_estimate
 from sim.contour import skyline_contour

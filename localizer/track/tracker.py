@@ -16,6 +16,7 @@ from typing import Literal, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from localizer.answer import Located, fix_of
 from localizer.bundle import Bundle, frame_image
 from localizer.contradiction import Settled, settle_frames
 from localizer.errors import SkyfixError
@@ -23,8 +24,9 @@ from localizer.fix import Fix
 from localizer.geodesy import lonlat_to_rowcol, rowcol_to_lonlat
 from localizer.horizon.from_image import find_skyline
 from localizer.horizon.from_terrain import Terrain
-from localizer.locate import SAME_PLACE_CELLS, Located, fix_of, locate, observe
+from localizer.locate import locate, observe
 from localizer.observation import Observation, PriorCircle
+from localizer.search.contest import SAME_PLACE_CELLS
 from localizer.search.decide import CERTAIN, CERTAIN_EVIDENCE, NEGLIGIBLE, WIDEST_FIX_CELLS, Decision
 from localizer.search.refine import Refined
 from localizer.track.mixture import (

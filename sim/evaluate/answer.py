@@ -6,11 +6,11 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from localizer.answer import Located, fix_of
 from localizer.details import LocateResult, SolvedErrors
 from localizer.fix import Fix
 from localizer.geodesy import enu_to_metric_jacobian
 from localizer.horizon.from_terrain import Terrain
-from localizer.locate import Located, fix_of
 from localizer.observation import Observation
 
 Array = NDArray[np.float64]

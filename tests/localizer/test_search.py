@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from localizer.answer import fix_of
 from localizer.bundle import load_bundle
 from localizer.camera import camera_to_world, project
 from localizer.contradiction import Settled, settle_frames
@@ -18,11 +19,14 @@ from localizer.fix import Fix
 from localizer.geodesy import rowcol_to_lonlat
 from localizer.horizon.from_image import ColumnState, Skyline
 from localizer.horizon.from_terrain import Terrain, horizon, prepare_terrain
-from localizer.locate import fix_of, locate
+from localizer.locate import locate
 from localizer.locate import observe as observation_of
 from localizer.observation import FrameObservation, Observation, PriorCircle
 from localizer.search.contours import frame_contour, measured_skyline
-from localizer.search.refine import Noise, Problem, Refined, places_around, refine, usual_noise
+from localizer.search.noise import Noise, usual_noise
+from localizer.search.places_around import places_around
+from localizer.search.problem import Problem
+from localizer.search.refine import Refined, refine
 from localizer.search.stage1 import bands, half_cell_relief, heading_offsets_deg, search_stage1
 from localizer.track.report import step_text, track_line
 from localizer.track.tracker import Tracker, follow

@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pyproj import Transformer
 
+from localizer.answer import Located
 from localizer.bundle import Bundle, frame_image, load_bundle
 from localizer.dem import Dem, load_dem
 from localizer.geodesy import enu_to_metric_jacobian, rowcol_to_metric
 from localizer.horizon.from_image import ColumnState, Skyline, find_skyline
 from localizer.horizon.from_terrain import Terrain, prepare_terrain
-from localizer.locate import Located, load_kernels, locate, observe
+from localizer.locate import load_kernels, locate, observe
 from localizer.observation import NO_COMPASS_SIGMA_DEG, Observation
 from localizer.search.refine import Refined
 from sim.evaluate.photos.standpoints import Standpoint

@@ -1,0 +1,85 @@
+"""Looking about: the likeliest places on a lattice around a fit."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from localizer.search.cost import columns_along, expected_scale, prior_cost
+from localizer.search.error_model import normal_equations
+from localizer.search.noise import Noise
+from localizer.search.problem import ALTITUDE, EAST, NORTH, Problem
+from localizer.search.refine import Refined
+from localizer.search.residuals import Evaluation, evaluate, ground_at, place_of, residual_sigma
+from localizer.search.stray import stray_loss, telling_columns, weights
+
+Floats = NDArray[np.float64]
+
+
+def places_around(
+    problem: Problem,
+    start: Refined,
+    noises: Sequence[Noise],
+    reach_cells: float,
+    step_cells: float,
+    keep: int,
+) -> list[tuple[float, float, float, Noise]]:
+    """Row, column, altitude and noise of the ``keep`` likeliest places under each noise on a lattice around a fit.
+
+    Close to hills the horizon leaps from rise to rise as one moves, and each leap may stop a descent: so one looks about. At
+    each place all but the place itself is fitted in one step. No two places under one noise are neighbours.
+    """
+    terrain = problem.terrain
+    frame = terrain.frames.at(np.array([start.row]), np.array([start.col]))[0]
+    x = np.concatenate(
+        [
+            [0.0, 0.0, start.altitude_m, start.azimuth_bias_deg, start.tilt_bias_deg],
+            start.frame_errors_deg.ravel(),
+        ]
+    )
+    origin = (start.row, start.col)
+    ticks = np.arange(-reach_cells, reach_cells + 1e-9, step_cells) * terrain.cell_m
+    here = evaluate(problem, x, origin, frame)
+    found: list[list[tuple[float, Floats]]] = [[] for _ in noises]
+    for east in ticks:
+        for north in ticks:
+            moved = x.copy()
+            moved[EAST], moved[NORTH] = east, north
+            ground, _ = ground_at(problem, moved, origin, frame)
+            if not np.isfinite(ground):
+                continue
+            if np.isfinite(here.ground_m):
+                moved[ALTITUDE] += ground - here.ground_m
+            there = evaluate(problem, moved, origin, frame, here.guess_m)
+            for noise, costs in zip(noises, found, strict=True):
+                costs.append(_fitted_there(problem, moved, there, noise))
+    places = []
+    for noise, costs in zip(noises, found, strict=True):
+        kept: list[Floats] = []
+        for _, place in sorted(costs, key=lambda entry: entry[0]):
+            apart_m = [float(np.hypot(place[EAST] - k[EAST], place[NORTH] - k[NORTH])) for k in kept]
+            if min(apart_m, default=np.inf) > 1.5 * step_cells * terrain.cell_m:
+                kept.append(place)
+            if len(kept) == keep:
+                break
+        places += [(*place_of(k, origin, frame), float(k[ALTITUDE]), noise) for k in kept]
+    return places
+
+
+def _fitted_there(problem: Problem, x: Floats, here: Evaluation, noise: Noise) -> tuple[float, Floats]:
+    """Cost, and the parameters with all but the place itself fitted in one step."""
+    sigma = residual_sigma(problem, here, noise.spread_m)
+    normalised, telling = here.residual / sigma, telling_columns(here, sigma)
+    columns = columns_along(problem, x, here, noise.model, weights(telling, normalised))
+    normal = normal_equations(columns, noise.model)
+    step = np.linalg.solve(normal.curvature[ALTITUDE:, ALTITUDE:], normal.slope[ALTITUDE:])
+    cost = (
+        normal.cost
+        + prior_cost(problem, x, here, noise.model)
+        - 0.5 * float(normal.slope[ALTITUDE:] @ step)
+        + stray_loss(problem, telling, normalised, sigma)
+        + expected_scale(problem, x, here, noise.model)
+    )
+    fitted = x.copy()
+    fitted[ALTITUDE:] -= step
+    return cost, fitted
