@@ -15,16 +15,17 @@ READY := $(VENV)/.ready
 demo: $(READY)
 	$(BIN)/sim demo --seed $(SEED) --out demo
 
+# Tests of one file share what is slow to make (terrain, compiled code, a machine), so one worker takes them all.
 test: $(READY)
-	$(BIN)/pytest -n 2 --dist loadgroup
+	$(BIN)/pytest -n 2 --dist loadfile
 
 test-all: $(READY)
-	$(BIN)/pytest -n 2 --dist loadgroup -m "not system"
+	$(BIN)/pytest -n 2 --dist loadfile -m "not system"
 
 # Against the programs that it works with: gpsd, a browser, systemd. They are installed where they are missing.
 test-system: $(READY)
 	tests/system/packages
-	$(BIN)/pytest -n 2 --dist loadgroup -m system
+	$(BIN)/pytest -n 2 --dist loadfile -m system
 
 EVALUATE = $(BIN)/sim evaluate $(addprefix --dem ,$(DEMS)) --seed $(SEED) --jobs $(JOBS)
 SCENARIOS = $(sort $(basename $(notdir $(wildcard configs/scenarios/evaluate/*.toml))))

@@ -27,8 +27,6 @@ from sim.launcher import SimulatedRig, simulated_rig
 from sim.scenario import Scenario
 from sim.world import World
 
-pytestmark = pytest.mark.xdist_group("end_to_end")
-
 CELL_M = 30.0
 BAD_INPUT, NOWHERE, INTERRUPTED = 2, 4, 130
 HASTE = {

@@ -12,8 +12,6 @@ from localizer.dem import load_dem
 from localizer.details import LocateResult
 from localizer.locate import locate_bundle
 
-pytestmark = pytest.mark.xdist_group("rendered")
-
 DEMS = {"bt": "bigtujunga_srtm_30m.tif", "sh": "sthelens_usgs_30m.dem", "yo": "yosemite_ned_1s.tif"}
 
 

@@ -31,8 +31,6 @@ from sim.scenario import CameraOptics
 from sim.surface import Surface
 from sim.terrain import read_terrain
 
-pytestmark = pytest.mark.xdist_group("track")  # one worker makes the craters
-
 CELL_M = 30.0
 SIDE = 96
 CRATERS = 3

@@ -12,8 +12,6 @@ from sim.renderer import Renderer
 from sim.scenario import Scenario
 from sim.world import World
 
-pytestmark = pytest.mark.xdist_group("pictures")  # their compiled code is large: one process
-
 
 def made(santa_cruz: Path, seed: int, **weather: object) -> tuple[World, Panorama]:
     camera = {"fx_px": 150.0, "fy_px": 150.0}  # coarse, and so the panorama

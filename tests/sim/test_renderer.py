@@ -12,8 +12,6 @@ from sim.renderer import Renderer
 from sim.scenario import CameraOptics, Scenario
 from sim.world import World
 
-pytestmark = pytest.mark.xdist_group("pictures")
-
 WHITE = 255.0
 COLUMNS = np.arange(640)
 

@@ -53,9 +53,9 @@ def next_stop(rig, rng):
     return pytest.fail("nowhere to go")
 
 
-def drive(rig, lat_deg, lon_deg, seed):
+def drive(rig, lat_deg, lon_deg):
     """As a user of the simulator drives it."""
-    command = [find_command("sim"), "drive", "--seconds", str(DRIVE_S), "--seed", str(seed), "--"]
+    command = [find_command("sim"), "drive", "--seconds", str(DRIVE_S), "--"]
     environment = {**os.environ, "PATH": search_path(), **rig.environment}
     subprocess.run([*command, f"{lat_deg:.7f}", f"{lon_deg:.7f}"], env=environment, check=True, timeout=300)
 
@@ -97,7 +97,7 @@ def drive_on(rig, daemon, rng, reports):
     stops, answers = [], []
     for number in range(STOPS):
         if number:
-            drive(rig, *next_stop(rig, rng), seed=number)
+            drive(rig, *next_stop(rig, rng))
             stops[-1].until_s = time.monotonic() - DRIVE_S
         stops.append(Stop(rig.truth(), time.monotonic(), float("inf")))
         last = daemon.until_idle(answers=number + 1)["last"]

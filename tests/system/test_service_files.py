@@ -131,7 +131,7 @@ def test_udev_understands_every_rule(installed: Path, program: Program, tmp_path
 
 def test_a_wheel_brings_the_same_files(installed: Path, tmp_path: Path) -> None:
     source = tmp_path / "source"
-    others = shutil.ignore_patterns(".*", "build", "*.egg-info", "demo", "evaluation", "__pycache__")
+    others = shutil.ignore_patterns(".*", "build", "*.egg-info", "demo", "evaluation", "spool", "__pycache__")
     shutil.copytree(PROJECT, source, symlinks=True, ignore=others)
     built = run(sys.executable, "-m", "pip", "wheel", "--no-deps", "--quiet", "--wheel-dir", tmp_path, source)
     assert built.returncode == 0, built.stderr
