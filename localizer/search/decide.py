@@ -22,7 +22,7 @@ LEAST_EVIDENCE = 15.0
 """Logarithm of how much better than chance a place must explain the skyline: a whole DEM is a million chances."""
 CERTAIN_EVIDENCE = 25.0
 """And this much for the best place to be called the only one."""
-MOST_PRIOR_SIGMAS = 5.0
+MOST_PRIOR_SIGMAS = 7.0
 """No reading is further off than this."""
 WIDEST_FIX_CELLS = 5.0
 """A place known no better than this, in standard deviations, is not one place."""
