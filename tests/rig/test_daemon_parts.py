@@ -54,6 +54,11 @@ class TestLog:
 
 
 class TestSignals:
+    @pytest.fixture(autouse=True)
+    def _lives_on(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """A process that was told to stop ends itself after some seconds; this one has other tests to do."""
+        monkeypatch.setattr("rig.daemon.stopping.ENDED_WITHIN_S", 3600.0)
+
     def test_a_stop_interrupts_once(self) -> None:
         with Signals() as signals:
             with pytest.raises(StopRequestedError):
