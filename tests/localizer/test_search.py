@@ -219,6 +219,7 @@ def test_a_frame_that_contradicts_the_others_is_left_out_and_named(terrain, spoi
     assert error_cells(answer.located) < 0.1
 
 
+@pytest.mark.long
 def test_a_track_does_without_that_frame_too(terrain):
     step = follow(Tracker(), None, terrain, with_tilt_misread(terrain), "a bundle")
     assert step.left_out == track_line(step, terrain.dem).left_out == "frame 1"
@@ -232,6 +233,7 @@ def test_frames_that_agree_are_all_kept(terrain):
     assert min(answer.agreement.values()) > 0.9
 
 
+@pytest.mark.long
 def test_leaving_out_a_frame_makes_no_fix_of_a_place_outside_the_dem(terrain):
     dem = terrain.dem
     elsewhere = dataclasses.replace(

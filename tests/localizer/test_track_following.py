@@ -143,12 +143,14 @@ def test_a_known_drive_of_200_m_settles_what_neither_look_alone_can(scene):
     assert second.fix.candidates[0].probability == second.fix.probability
 
 
+@pytest.mark.long
 def test_an_unknown_drive_settles_nothing(scene):
     steps = track(scene, (None, scene.look(0, WEST_SPOT)), (None, scene.look(0, EAST_SPOT)))
     assert [step.fix.status for step in steps] == ["ambiguous", "ambiguous"]
     assert [step.mode for step in steps] == ["whole DEM", "whole DEM"]
 
 
+@pytest.mark.long
 def test_odometry_that_fits_no_pair_of_places_settles_nothing(scene):
     legs = driven(0.0, 200.0), scene.look(0, EAST_SPOT)
     *_, last = track(scene, (None, scene.look(0, WEST_SPOT)), legs)
@@ -195,6 +197,7 @@ def test_where_the_odometry_misleads_the_whole_dem_is_searched_and_the_history_d
     assert scene.error_cells(second.fix, 1, EAST_SPOT) < 0.2
 
 
+@pytest.mark.long
 def test_a_blind_look_is_answered_with_no_place_and_the_track_goes_on_after_it(scene):
     fog = blinded(scene.look(2, WEST_SPOT))
     first, second, third = track(
@@ -214,6 +217,7 @@ def test_a_blind_look_is_answered_with_no_place_and_the_track_goes_on_after_it(s
     assert scene.error_cells(third.fix, 2, EAST_SPOT) < 0.2
 
 
+@pytest.mark.long
 def test_a_blind_look_between_two_keeps_several_hypotheses_too(scene):
     fog = blinded(scene.look(0, WEST_SPOT))
     *_, last = track(
@@ -226,6 +230,7 @@ def test_a_blind_look_between_two_keeps_several_hypotheses_too(scene):
     assert scene.error_cells(last.fix, 0, EAST_SPOT) < 0.2
 
 
+@pytest.mark.long
 def test_a_track_goes_on_from_its_stored_state_as_if_it_had_not_stopped(scene):
     west, east = scene.look(0, WEST_SPOT), scene.look(0, EAST_SPOT)
     first, through = track(scene, (None, west), (driven(200.0), east))
@@ -344,6 +349,7 @@ def test_the_command_prints_an_object_for_each_bundle_and_ends_as_the_last(scene
     assert second.hypotheses[0].easting_m == pytest.approx(second.fix.position.easting_m, abs=0.1)
 
 
+@pytest.mark.long
 def test_the_command_ends_with_3_where_the_last_look_leaves_two_places(scene, drive, run, tmp_path):
     picture = tmp_path / "track.png"
     status, out, err = run(*drive, "--dem", scene.dem_path, "--plot", picture)
