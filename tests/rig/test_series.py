@@ -64,12 +64,12 @@ def test_ctrl_c_ends_with_a_summary_and_the_same_command_goes_on(
 
     def stop_in_the_second() -> None:
         while not list(tmp_path.glob("bundles/series-*/bundles/2*")) or not running.rig.torque_is_on:
-            time.sleep(0.005)
+            time.sleep(0.02)
         os.kill(os.getpid(), signal.SIGINT)
 
     threading.Thread(target=stop_in_the_second, daemon=True).start()
     status, out, err = run("capture", *options)
-    assert status == 130
+    assert status == 130, err
     first, ended = map(json.loads, out.splitlines())
     assert (first["number"], first["problem"]) == (1, None)
     assert (ended["summary"]["taken"], ended["summary"]["left"]) == (1, 1)

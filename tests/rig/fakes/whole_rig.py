@@ -178,6 +178,8 @@ class RunningRig:
 @contextmanager
 def running_rig(monkeypatch: pytest.MonkeyPatch, rig: FakeRig) -> Iterator[RunningRig]:
     """Serve ``rig``; what opens sensors in the code under test opens the fakes."""
+    # These servos are a thread of this process, which waits for its turn where the computer is busy.
+    monkeypatch.setattr("rig.dynamixel.servo_bus._TURNAROUND_S", 0.3)
     sensors = (
         FakeInclinometer(rig, "inclinometer"),
         FakeCompass(rig, "compass"),
