@@ -36,10 +36,10 @@ def test_a_series_goes_on_after_a_failure(run: Run, running: RunningRig, tmp_pat
     def overload_once() -> None:
         if running.rig.readings_taken == 2:
             running.rig.pan.registers[70] = 0x20
-            threading.Timer(1.0, running.rig.pan.registers.__setitem__, (70, 0)).start()
+            threading.Timer(3.0, running.rig.pan.registers.__setitem__, (70, 0)).start()
 
     running.rig.before_reading = overload_once
-    options = "--config", written(running, tmp_path), "--directions", "E", "--repeat", "2", "--every", "3"
+    options = "--config", written(running, tmp_path), "--directions", "E", "--repeat", "2", "--every", "6"
     status, out, err = run("capture", *options)
     assert status == 2
     (bundle_dir,) = out.splitlines()
