@@ -25,7 +25,7 @@ test-all: $(READY)
 # Against the programs that it works with: gpsd, a browser, systemd. They are installed where they are missing.
 test-system: $(READY)
 	tests/system/packages
-	$(BIN)/pytest -n 2 --dist loadfile -m system
+	$(BIN)/pytest -n 2 --dist loadfile -m "system and not long"
 
 EVALUATE = $(BIN)/sim evaluate $(addprefix --dem ,$(DEMS)) --seed $(SEED) --jobs $(JOBS)
 SCENARIOS = $(sort $(basename $(notdir $(wildcard configs/scenarios/evaluate/*.toml))))

@@ -67,6 +67,7 @@ def off_m(report, truth):
     return distance_m * np.array([np.sin(azimuth), np.cos(azimuth)])
 
 
+@pytest.mark.long
 def test_gpsd_never_reports_a_place_where_the_vehicle_is_not(program, tmp_path):
     world, rng = World.create([EMBEDDED_DEM], Scenario(), 3), np.random.default_rng(3)
     with simulated_rig(world, bundle_dir=tmp_path / "bundles", dem_paths=[EMBEDDED_DEM]) as rig:
