@@ -4,6 +4,7 @@ Coarse fits choose the contenders; these are compared under one error model, tha
 around it; the winner is fitted with all columns.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -108,22 +109,7 @@ def _best_nearby(full: Problem, middle: Problem, coarse: Problem, found: Refined
         Noise(share * usual, correlation, ErrorModel(0.1 * share * usual, share * usual, length_m))
         for share in LOOK_ABOUT_ERRORS
     ]
-    around = places_around(coarse, found, noises, *LOOK_ABOUT_CELLS, LOOK_ABOUT_STARTS)
-    fits = [
-        refine(
-            middle,
-            row,
-            col,
-            altitude_m,
-            found.azimuth_bias_deg,
-            iterations=8,
-            noise=noise,
-            largest_dem_error_m=largest,
-            settle=True,
-            likely_from=0,
-        )
-        for row, col, altitude_m, noise in around
-    ]
+    fits = _looked_about(middle, coarse, found, noises, largest, settle=True)
     starts = _distinct(sorted(fits, key=lambda r: r.fit_cost), LOOK_ABOUT_CELLS[1])[:FINALISTS]
     finals = [found, *(_again(full, start, largest, settle=True, likely_from=0) for start in starts)]
     return _doubted(min(finals, key=lambda r: r.fit_cost), fits, full.terrain)
@@ -151,7 +137,15 @@ def _doubted(best: Refined, others: list[Refined], terrain: Terrain) -> Refined:
 
 def _nearby(middle: Problem, coarse: Problem, found: Refined, noise: Noise, largest: float) -> Refined:
     """The best fit with held noise that starts from one of the likeliest places around another."""
-    around = [
+    around = _looked_about(middle, coarse, found, [noise], largest, settle=False)
+    return min(around or [found], key=lambda r: r.fit_cost)
+
+
+def _looked_about(
+    middle: Problem, coarse: Problem, found: Refined, noises: Sequence[Noise], largest: float, *, settle: bool
+) -> list[Refined]:
+    """Fits from the likeliest places around another under each noise, which is held unless they ``settle`` their own."""
+    return [
         refine(
             middle,
             row,
@@ -161,13 +155,13 @@ def _nearby(middle: Problem, coarse: Problem, found: Refined, noise: Noise, larg
             iterations=8,
             noise=noise,
             largest_dem_error_m=largest,
-            settle=False,
+            settle=settle,
+            likely_from=0,
         )
-        for row, col, altitude_m, _ in places_around(
-            coarse, found, [noise], *LOOK_ABOUT_CELLS, LOOK_ABOUT_STARTS
+        for row, col, altitude_m, noise in places_around(
+            coarse, found, noises, *LOOK_ABOUT_CELLS, LOOK_ABOUT_STARTS
         )
     ]
-    return min(around or [found], key=lambda r: r.fit_cost)
 
 
 def _again(
