@@ -23,7 +23,7 @@ class BundleError:
     """Largest errors over the frames of a bundle, degrees; the azimuths' common part apart; altitude in metres.
 
     Directions are compared where they matter, at the pixels: lens, boresight and readings together. ``claimed_*`` are the
-    bundle's own sigmas.
+    bundle's own sigmas, ``frames`` azimuth, tilt and roll of each frame by its label.
     """
 
     tilt_deg: float
@@ -34,6 +34,7 @@ class BundleError:
     claimed_tilt_deg: float
     claimed_azimuth_deg: float
     claimed_altitude_m: float
+    frames: dict[str, tuple[float, float, float]]
 
 
 class CameraLog:
@@ -73,6 +74,10 @@ def bundle_error(directory: Path, world: World, log: CameraLog) -> BundleError:
         bundle.tilt_bias_sigma_deg,
         bundle.azimuth_bias_sigma_deg,
         altitude.sigma_m if altitude else float("nan"),
+        {
+            frame.label: (float(a), float(t), float(r))
+            for frame, (a, t, r) in zip(bundle.frames, np.column_stack([azimuth, off[:, 1:]]), strict=True)
+        },
     )
 
 

@@ -10,7 +10,7 @@ import shutil
 import tempfile
 import tomllib
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields
 from functools import partial
@@ -100,14 +100,17 @@ def calibrate_rigs(
     hear: Callable[[RigResult], None],
     keep: Path | None,
 ) -> list[RigResult]:
-    """Calibrate one rig for each seed, ``jobs`` at a time; ``hear`` is told of each, ``keep`` gets files and bundles."""
+    """Calibrate one rig for each seed, ``jobs`` at a time.
+
+    ``hear`` is told of each when it is done, ``keep`` gets files and bundles.
+    """
     one = partial(calibrate_rig, list(dem_paths), scenario, keep=keep)
     results = []
     with ProcessPoolExecutor(jobs) as pool:
-        for result in pool.map(one, seeds):
-            hear(result)
-            results.append(result)
-    return results
+        for done in as_completed([pool.submit(one, seed) for seed in seeds]):
+            hear(done.result())
+            results.append(done.result())
+    return sorted(results, key=lambda result: result.seed)
 
 
 def calibrate_rig(
@@ -124,6 +127,8 @@ def calibrate_rig(
             errors = _errors(dem_paths, scenario, world, folder)
         except SimulationError as error:
             return RigResult(seed, str(error), **_wrong_with(world))
+        else:
+            _write_errors(folder / "errors.json", world, *errors)
         finally:
             if keep is not None:
                 shutil.copytree(folder, keep / f"rig-{seed}", dirs_exist_ok=True)
@@ -241,6 +246,12 @@ def _capture(rig: SimulatedRig, sight: _Sight, world: World, out: Path) -> Bundl
 def _require(done: Done) -> None:
     if done.status:
         raise SimulationError(done.last_line)
+
+
+def _write_errors(path: Path, world: World, known: BundleError, other: BundleError) -> None:
+    """What was wrong with the rig and what is left in each frame of both bundles, to tell which step an error comes from."""
+    content = {"biases": asdict(world.biases), "known": asdict(known), "other": asdict(other)}
+    path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
 def _wrong_with(world: World) -> dict[str, float]:

@@ -44,7 +44,11 @@ OUTSIDE = 5
     help="Elevation raster; repeat it for files that adjoin. Default: the terrain that comes with skyfix.",
 )
 @click.option(
-    "--csv", "csv_path", type=click.Path(path_type=Path), metavar="FILE", help="Write a row for each rig."
+    "--csv",
+    "csv_path",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Write a row for each rig as it is done.",
 )
 @click.option(
     "--keep", type=click.Path(path_type=Path), metavar="DIR", help="Keep calibrations, pictures and bundles."
@@ -70,21 +74,35 @@ def rigs(
     from sim.rigs import calibrate_rigs, write_csv
     from sim.scenario import load_scenario
 
+    so_far: list[RigResult] = []
+
+    def hear(result: "RigResult") -> None:
+        so_far.append(result)
+        click.echo(one_line(result), err=True)
+        if csv_path is not None:
+            write_csv(so_far, csv_path)
+
     results = calibrate_rigs(
         dem_paths or (EMBEDDED_DEM,),
         load_scenario(scenario_path or UNCALIBRATED),
         range(seed, seed + count),
         jobs,
-        lambda result: click.echo(f"rig {result.seed}: {result.refused or 'calibrated'}", err=True),
+        hear,
         keep,
     )
     if as_json:
         click.echo(to_json(results))
     else:
         print_table(results)
-    if csv_path is not None:
-        write_csv(results, csv_path)
     return 0 if all(result.within for result in results) else OUTSIDE
+
+
+def one_line(result: "RigResult") -> str:
+    """What is left in the bundles of one rig, or why there are none."""
+    from sim.rigs import LIMITS
+
+    errors = ", ".join(f"{name} {getattr(result, name):.3f}" for name in LIMITS)
+    return f"rig {result.seed}: {result.refused or errors}"
 
 
 def to_json(results: Sequence["RigResult"]) -> str:
