@@ -6,18 +6,16 @@ A calibration holds values for keys of the configuration, and replaces them. Wha
 import hashlib
 import json
 import secrets
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from rig.atomic import write_atomically
 from rig.errors import RigError
-
-if TYPE_CHECKING:
-    from rig.config import RigConfig
 
 Kind = Literal["camera", "inclinometer", "compass", "altimeter", "boresight"]
 CALIBRATION_ORDER: tuple[Kind, ...] = ("camera", "inclinometer", "compass", "altimeter", "boresight")
@@ -27,6 +25,7 @@ Triple = tuple[float, float, float]
 Matrix = tuple[Triple, Triple, Triple]
 Positive = Annotated[float, Field(gt=0.0)]
 Values = dict[str, dict[str, Any]]
+"""Sections of the configuration, and keys there."""
 
 
 class CalibrationError(RigError):
@@ -48,11 +47,11 @@ class _Document(BaseModel):
     fit: dict[str, float | int | str | bool | list[float] | None] = {}
 
     def values(self) -> Values:
-        """Sections of the configuration, and the keys that are replaced there."""
+        """The keys of the configuration that are replaced."""
         raise NotImplementedError
 
-    def misfit(self, config: "RigConfig") -> str | None:
-        """Why this is not for the devices of a configuration; None where it is."""
+    def made_for(self) -> Mapping[str, Mapping[str, Any] | None]:
+        """What a configuration says of the devices that this is for: keys by section, None for a section that it has not."""
         raise NotImplementedError
 
 
@@ -74,11 +73,8 @@ class CameraCalibration(_Document):
         keys = ("fx_px", "fy_px", "cx_px", "cy_px", "distortion")
         return {"camera": {key: getattr(self, key) for key in keys}}
 
-    def misfit(self, config: "RigConfig") -> str | None:
-        camera = config.camera
-        if (self.width_px, self.height_px) == (camera.width_px, camera.height_px):
-            return None
-        return f"is for {self.width_px} x {self.height_px} px, [camera] says {camera.width_px} x {camera.height_px}"
+    def made_for(self) -> Mapping[str, Mapping[str, Any] | None]:
+        return {"camera": {"width_px": self.width_px, "height_px": self.height_px}}
 
 
 class InclinometerCalibration(_Document):
@@ -105,11 +101,8 @@ class InclinometerCalibration(_Document):
             keys.append("roll_sigma_deg")
         return {"inclinometer": {key: getattr(self, key) for key in keys}}
 
-    def misfit(self, config: "RigConfig") -> str | None:
-        section = config.inclinometer
-        if (self.chip, self.axes) == (section.chip, section.axes):
-            return None
-        return f"is for {self.chip} with axes {list(self.axes)}, [inclinometer] says {section.chip} {list(section.axes)}"
+    def made_for(self) -> Mapping[str, Mapping[str, Any] | None]:
+        return {"inclinometer": {"chip": self.chip, "axes": self.axes}}
 
 
 class CompassCalibration(_Document):
@@ -131,14 +124,8 @@ class CompassCalibration(_Document):
         )
         return {"compass": {key: getattr(self, key) for key in keys}}
 
-    def misfit(self, config: "RigConfig") -> str | None:
-        section = config.compass
-        if section is None:
-            return "is for a compass, and the configuration has no [compass]"
-        axes = getattr(section, "axes", None)
-        if (self.compass, self.axes) == (section.kind, axes):
-            return None
-        return f"is for {self.compass} with axes {list(self.axes)}, not for [compass] {section.kind}"
+    def made_for(self) -> Mapping[str, Mapping[str, Any] | None]:
+        return {"compass": {"kind": self.compass, "axes": self.axes}}
 
 
 class AltimeterCalibration(_Document):
@@ -160,11 +147,8 @@ class AltimeterCalibration(_Document):
         )
         return {"altimeter": {key: getattr(self, key) for key in keys}}
 
-    def misfit(self, config: "RigConfig") -> str | None:
-        section = config.altimeter
-        if section is None:
-            return "is for an altimeter, and the configuration has no [altimeter]"
-        return None if self.altimeter == section.kind else f"is for {self.altimeter}, not for {section.kind}"
+    def made_for(self) -> Mapping[str, Mapping[str, Any] | None]:
+        return {"altimeter": {"kind": self.altimeter}}
 
 
 class BoresightCalibration(_Document):
@@ -189,10 +173,8 @@ class BoresightCalibration(_Document):
             return {"camera": camera}
         return {"camera": camera, "compass": {"heading_offset_deg": self.heading_offset_deg}}
 
-    def misfit(self, config: "RigConfig") -> str | None:
-        if (config.compass is None) == (self.heading_offset_deg is None):
-            return None
-        return "was measured with a compass" if config.compass is None else "was measured without a compass"
+    def made_for(self) -> Mapping[str, Mapping[str, Any] | None]:
+        return {"compass": None if self.heading_offset_deg is None else {}}
 
 
 Calibration = Annotated[

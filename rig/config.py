@@ -447,9 +447,10 @@ def with_calibrations(config: RigConfig, calibrations: Iterable[AppliedCalibrati
                     in_force[name].document.id,
                     kind,
                 )
-        misfit = each.document.misfit(config)
-        if misfit:
-            raise CalibrationError(f"{each.file}: {misfit}; calibrate the {kind} anew")
+        for name, made_for in each.document.made_for().items():
+            misfit = _misfit(name, made_for, getattr(config, name))
+            if misfit:
+                raise CalibrationError(f"{each.file}: {misfit}; calibrate the {kind} anew")
         for name, keys in each.document.values().items():
             section = getattr(config, name)
             try:
@@ -463,3 +464,21 @@ def with_calibrations(config: RigConfig, calibrations: Iterable[AppliedCalibrati
     config = config.model_copy()
     config._calibrations = tuple(in_force[kind] for kind in CALIBRATION_ORDER if kind in in_force)
     return config
+
+
+def _misfit(name: str, made_for: Mapping[str, object] | None, section: Section | None) -> str | None:
+    """Why what was made for one section is not for this one; None where it is."""
+    if made_for is None or section is None:
+        if made_for is None and section is None:
+            return None
+        return (
+            f"was made {'without' if made_for is None else 'with'} a {name}, and the configuration has "
+            + (f"no [{name}]" if section is None else f"a [{name}]")
+        )
+    there = {key: getattr(section, key, None) for key in made_for}
+    return None if there == made_for else f"is for {_spoken(made_for)}, [{name}] says {_spoken(there)}"
+
+
+def _spoken(keys: Mapping[str, object]) -> str:
+    words = [f"{key} {list(value) if isinstance(value, tuple) else value}" for key, value in keys.items()]
+    return ", ".join(words)

@@ -105,6 +105,7 @@ class Compass(Section):
     vehicle_hard_iron_sigma_ut: NonNegative = 0.0  # per axis, fixed to the vehicle
     vehicle_soft_iron_sigma: NonNegative = 0.0  # per element of the vehicle's symmetric matrix
     declination_anomaly_sigma_deg: NonNegative = 0.4  # the local field against the World Magnetic Model
+    disturbance_enu_ut: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)  # of iron or a current beside the rig
     motor_current_field_ut: NonNegative = 8.0  # while a motor moves
     holding_current_field_ut: NonNegative = 0.0  # while the motors hold the head with torque
     bridge_offset_sigma_ut: NonNegative = 15.0  # of the chip, per axis; SET and RESET uncover it

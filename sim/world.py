@@ -126,7 +126,7 @@ class MagneticField:
     """The Earth's field at the place."""
 
     declination_model_deg: float  # World Magnetic Model
-    enu_ut: tuple[float, float, float]  # east, north, up, local anomaly included
+    enu_ut: tuple[float, float, float]  # east, north, up, local anomaly and disturbance included
 
     @property
     def declination_deg(self) -> float:
@@ -347,7 +347,12 @@ def _eye_at(surface: Surface, scenario: Scenario, lat_deg: float, lon_deg: float
 
 
 def _standpoint(scenario: Scenario, biases: Biases, place: TruePlace, observer: Observer) -> Standpoint:
-    field = _magnetic_field(place, scenario.weather.decimal_year, biases.declination_anomaly_deg)
+    field = _magnetic_field(
+        place,
+        scenario.weather.decimal_year,
+        biases.declination_anomaly_deg,
+        scenario.compass.disturbance_enu_ut,
+    )
     return Standpoint(place, observer, field)
 
 
@@ -499,10 +504,12 @@ def _draw_reference(
     )
 
 
-def _magnetic_field(place: TruePlace, decimal_year: float, anomaly_deg: float) -> MagneticField:
+def _magnetic_field(
+    place: TruePlace, decimal_year: float, anomaly_deg: float, disturbance_enu_ut: tuple[float, float, float]
+) -> MagneticField:
     model = GeoMag().calculate(
         glat=place.lat_deg, glon=place.lon_deg, alt=place.altitude_m / 1000.0, time=decimal_year
     )
     declination = np.radians(model.d + anomaly_deg)
     enu_ut = np.array([model.h * np.sin(declination), model.h * np.cos(declination), -model.z]) / 1000.0
-    return MagneticField(float(model.d), _triple(enu_ut))
+    return MagneticField(float(model.d), _triple(enu_ut + disturbance_enu_ut))

@@ -1,7 +1,6 @@
 """Calibrate the compass: turn the pan at several headings of the vehicle, compare with and without torque, fit, show."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -9,29 +8,24 @@ from numpy.typing import NDArray
 
 from rig import clock
 from rig.attitude import LevelReading, LevelSigmas, base_level, in_axes
-from rig.calibrate.compass_fit import CompassFit, EarthField, VehicleStop, fit_compass
+from rig.calibrate.compass_fit import CompassFit, fit_compass
+from rig.calibrate.compass_model import EarthField, VehicleStop
+from rig.calibrate.earth_field import dip_deg
 from rig.calibrate.figures import new_figure
 from rig.calibrate.session import Session
+from rig.calibrate.torque import TorqueField, read_held_and_free, torque_field
 from rig.calibration import CalibrationError, CompassCalibration
 from rig.config import Mmc5983maSection, RigConfig
 from rig.connect import Rig, connect
 from rig.kinematics import JointAngles
 from rig.magnetic_model import ModelField, model_field
-from rig.standing import Stop, read_here, read_stop
+from rig.standing import Stop, read_stop
 
 Vector = NDArray[np.float64]
 
 READING_S = 0.6
 FROM_LIMIT_DEG = 4.0
 TORQUE_LIMIT_DEG = 3.0
-
-
-@dataclass(frozen=True)
-class TorqueField:
-    """What the servos' holding current adds to the field (3,), uT in stage axes, and what that makes of a heading."""
-
-    field_ut: Vector
-    heading_deg: float
 
 
 def calibrate_compass(session: Session, headings: int, angles: int) -> None:
@@ -41,7 +35,7 @@ def calibrate_compass(session: Session, headings: int, angles: int) -> None:
     guide.ready(
         "Drive to open ground, 20 m from vehicles, fences and power lines; keep iron and phones away from the mast."
     )
-    vehicle_stops = []
+    vehicle_stops, held_and_free = [], []
     with connect(config) as rig:
         assert rig.compass is not None
         device = rig.compass.identify()
@@ -49,18 +43,27 @@ def calibrate_compass(session: Session, headings: int, angles: int) -> None:
             if number > 1:
                 turn = f"turn the vehicle by about {360.0 / headings:.0f} deg to the right and stop."
                 guide.ready(f"Heading {number} of {headings}: {turn}")
-            stops = _turn(rig, angles)
+            pans_deg = _pan_angles(rig, angles)
+            let_go_at = _spread(angles) if number == headings else ()
+            stops = []
+            for index, pan_deg in enumerate(pans_deg):
+                stops.append(read_stop(rig, JointAngles(pan_deg, 0.0), READING_S))
+                if index in let_go_at:
+                    held_and_free.append(read_held_and_free(rig, stops[-1], section, READING_S))
             vehicle_stops.append(vehicle_stop(config, section, stops))
             guide.say(f"heading {number} of {headings}: read at {len(stops)} pan angles")
-        torque = _torque_field(rig, section, model)
     earth = EarthField(model.horizontal_ut, model.down_ut, model.declination_sigma_deg)
     fit = fit_compass(vehicle_stops, earth)
-    if torque.heading_deg > TORQUE_LIMIT_DEG:
-        guide.say(
-            f"The servos' holding current turns the compass by {torque.heading_deg:.1f} deg: a capture takes that out, "
-            "but move the compass away from the motors where you can."
-        )
-    iron = fit.iron
+    torque = torque_field(
+        held_and_free,
+        fit.iron.stage_hard_ut,
+        earth.horizontal_ut,
+        len(config.capture.base_attitude_pan_angles_deg),
+    )
+    for warning in [*fit.warnings, *_torque_warnings(torque)]:
+        guide.say(f"warning: {warning}")
+    sigma_deg = float(np.hypot(fit.heading_sigma_deg, torque.varying_deg))
+    iron, field = fit.iron, fit.field
     document = CompassCalibration(
         **session.header("compass", device),
         compass=section.kind,
@@ -69,18 +72,26 @@ def calibrate_compass(session: Session, headings: int, angles: int) -> None:
         soft_iron=iron.stage_soft,
         vehicle_hard_iron_ut=iron.vehicle.hard_ut,
         vehicle_soft_iron=iron.vehicle.soft,
-        azimuth_bias_sigma_deg=fit.heading_sigma_deg,
+        azimuth_bias_sigma_deg=sigma_deg,
         fit={
             "headings": headings,
             "pan_angles": angles,
             "rms_ut": fit.rms_ut,
-            "horizontal_ut": fit.horizontal_ut,
-            "down_ut": fit.down_ut,
-            "model_horizontal_ut": model.horizontal_ut,
-            "model_down_ut": model.down_ut,
+            "horizontal_ut": field.horizontal_ut,
+            "horizontal_sigma_ut": field.horizontal_sigma_ut,
+            "dip_deg": field.dip_deg,
+            "dip_sigma_deg": field.dip_sigma_deg,
+            "model_horizontal_ut": earth.horizontal_ut,
+            "model_dip_deg": dip_deg(earth),
             "torque_field_ut": torque.field_ut.tolist(),
+            "torque_varies_ut": torque.varies_ut,
             "torque_heading_deg": torque.heading_deg,
         },
+    )
+    dip = (
+        f"{field.dip_deg:.1f} +- {field.dip_sigma_deg:.1f}"
+        if field.tells_dip
+        else "even ground does not tell it"
     )
     rows = [
         ("pan stage, hard iron, uT", _numbers(iron.stage_hard_ut), ""),
@@ -88,15 +99,20 @@ def calibrate_compass(session: Session, headings: int, angles: int) -> None:
         ("vehicle, hard iron, uT", _numbers(iron.vehicle.hard_ut), ""),
         ("vehicle, soft iron", f"up to {_softness(iron.vehicle.soft):.1%}", ""),
         (
-            "strength and dip",
-            _strength(fit.horizontal_ut, fit.down_ut),
-            f"model: {_strength(model.horizontal_ut, model.down_ut)}",
+            "horizontal field measured, uT",
+            f"{field.horizontal_ut:.1f} +- {field.horizontal_sigma_ut:.1f}",
+            f"World Magnetic Model: {earth.horizontal_ut:.1f}",
         ),
-        ("servos' torque", _numbers(torque.field_ut), f"{torque.heading_deg:.2f} deg of heading"),
-        ("heading, deg", "", f"{fit.heading_sigma_deg:.2f}"),
+        ("dip measured, deg", dip, f"World Magnetic Model: {dip_deg(earth):.1f}"),
+        (
+            "servos' torque adds, uT",
+            f"{_numbers(torque.field_ut)}, varying by {torque.varies_ut:.2f}",
+            f"{torque.heading_deg:.2f} deg of heading, taken out; {torque.varying_deg:.2f} deg left",
+        ),
+        ("heading, deg", "", f"{sigma_deg:.2f}"),
         ("residual rms, uT", f"{fit.rms_ut:.3f}", f"{headings} headings x {angles} pan angles"),
     ]
-    session.finish(document, rows, draw(fit, vehicle_stops))
+    session.finish(document, rows, draw(fit, vehicle_stops, sigma_deg))
 
 
 def vehicle_stop(config: RigConfig, section: Mmc5983maSection, stops: Sequence[Stop]) -> VehicleStop:
@@ -114,10 +130,10 @@ def vehicle_stop(config: RigConfig, section: Mmc5983maSection, stops: Sequence[S
     return VehicleStop(level.pitch_deg, level.roll_deg, pans_deg, np.array(fields))
 
 
-def draw(fit: CompassFit, stops: Sequence[VehicleStop]) -> Figure:
+def draw(fit: CompassFit, stops: Sequence[VehicleStop], heading_sigma_deg: float) -> Figure:
     """What is left over the pan angle, and the horizontal field as measured."""
     figure, (left, circle) = new_figure(
-        f"compass: {fit.rms_ut:.3f} uT rms, heading to {fit.heading_sigma_deg:.2f} deg", 2
+        f"compass: {fit.rms_ut:.3f} uT rms, heading to {heading_sigma_deg:.2f} deg", 2
     )
     for residual_ut, stop, heading_deg in zip(fit.residuals_ut, stops, fit.headings_deg, strict=True):
         left.plot(stop.pan_deg, np.linalg.norm(residual_ut, axis=1), ".-", label=f"{heading_deg:.0f}", lw=0.8)
@@ -133,24 +149,28 @@ def draw(fit: CompassFit, stops: Sequence[VehicleStop]) -> Figure:
     return figure
 
 
-def _turn(rig: Rig, angles: int) -> list[Stop]:
+def _pan_angles(rig: Rig, angles: int) -> list[float]:
+    """All round, from the end that is nearer."""
     pan = rig.config.pan_tilt.pan
-    pans_deg = np.linspace(pan.min_deg + FROM_LIMIT_DEG, pan.max_deg - FROM_LIMIT_DEG, angles).tolist()
-    if abs(rig.pan_tilt.state().pan_deg - pans_deg[0]) > abs(rig.pan_tilt.state().pan_deg - pans_deg[-1]):
-        pans_deg.reverse()
-    return [read_stop(rig, JointAngles(pan_deg, 0.0), READING_S) for pan_deg in pans_deg]
+    pans_deg: list[float] = np.linspace(
+        pan.min_deg + FROM_LIMIT_DEG, pan.max_deg - FROM_LIMIT_DEG, angles
+    ).tolist()
+    here_deg = rig.pan_tilt.state().pan_deg
+    return pans_deg if abs(here_deg - pans_deg[0]) <= abs(here_deg - pans_deg[-1]) else pans_deg[::-1]
 
 
-def _torque_field(rig: Rig, section: Mmc5983maSection, model: ModelField) -> TorqueField:
-    """The field with torque less that without, where the head stands."""
-    held = read_here(rig, rig.pan_tilt.state(), READING_S)
-    rig.pan_tilt.relax()
-    free = read_here(rig, rig.pan_tilt.state(), READING_S)
-    if held.field is None or free.field is None:
-        raise CalibrationError("compass: gave no field; calibrate again")
-    change_ut = in_axes(np.array(held.field.mean_ut) - np.array(free.field.mean_ut), section.axes)
-    heading_deg = float(np.degrees(np.arctan2(np.hypot(*change_ut[:2]), model.horizontal_ut)))
-    return TorqueField(change_ut, heading_deg)
+def _spread(angles: int) -> tuple[int, ...]:
+    """First, middle and last of so many pan angles: where the head is let go. Not at each: it may sink every time."""
+    return 0, angles // 2, angles - 1
+
+
+def _torque_warnings(torque: TorqueField) -> list[str]:
+    if torque.heading_deg <= TORQUE_LIMIT_DEG:
+        return []
+    return [
+        f"The servos' holding current turns the compass by {torque.heading_deg:.1f} deg: a capture takes that out, but move "
+        "the compass away from the motors where you can."
+    ]
 
 
 def _section(config: RigConfig) -> Mmc5983maSection:
@@ -173,11 +193,6 @@ def _model(config: RigConfig) -> ModelField:
         raise CalibrationError(
             f"compass: the World Magnetic Model cannot tell the field: {now:%Y-%m-%d}, {error}; set the clock"
         ) from error
-
-
-def _strength(horizontal_ut: float, down_ut: float) -> str:
-    total_ut, dip_deg = np.hypot(horizontal_ut, down_ut), np.degrees(np.arctan2(down_ut, horizontal_ut))
-    return f"{total_ut:.1f} uT, {dip_deg:.1f} deg"
 
 
 def _softness(matrix: Sequence[Sequence[float]]) -> float:

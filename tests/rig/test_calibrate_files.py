@@ -94,7 +94,8 @@ def test_a_calibration_of_another_device_is_refused(tmp_path: Path) -> None:
     other = CAMERA.model_copy(update={"width_px": 1280, "height_px": 720})
     name_in_config(config, "camera", write_calibration(other, tmp_path))
     with pytest.raises(
-        CalibrationError, match=r"camera-1\.json: is for 1280 x 720 px, \[camera\] says 640 x 480"
+        CalibrationError,
+        match=r"camera-1\.json: is for width_px 1280, height_px 720, \[camera\] says width_px 640, height_px 480",
     ):
         load_config(config)
 

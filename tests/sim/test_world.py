@@ -112,6 +112,13 @@ def test_the_field_is_the_magnetic_model_turned_by_the_local_anomaly(world: Worl
     assert np.degrees(np.arctan2(-field[2], np.hypot(*field[:2]))) == pytest.approx(60.7, abs=0.7)
 
 
+def test_iron_beside_the_rig_adds_to_the_field(santa_cruz: Path, world: World) -> None:
+    beside = World.create(
+        [santa_cruz], scenario(compass={"disturbance_enu_ut": [3.0, -5.0, 2.0]}), world.seed
+    )
+    assert np.subtract(beside.field.enu_ut, world.field.enu_ut) == pytest.approx([3.0, -5.0, 2.0])
+
+
 def test_a_talker_knows_magnetic_north_but_for_the_residual_iron(santa_cruz: Path) -> None:
     exact = {"hard_iron_calibration_sigma_ut": 0.0, "declination_anomaly_sigma_deg": 0.0}
     world = World.create([santa_cruz], scenario(compass=exact, vehicle={"max_tilt_deg": 0.0}), 1)
