@@ -84,7 +84,8 @@ def daemon(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Daemon]:
 @pytest.mark.long
 @pytest.mark.timeout(0)
 def test_soak(request: pytest.FixtureRequest, daemon: Daemon) -> None:
-    end_s = time.monotonic() + 60.0 * request.config.getoption("--soak-minutes")
+    began_s = time.monotonic()
+    end_s = began_s + 60.0 * request.config.getoption("--soak-minutes")
     measured: list[tuple[float, int, int]] = []
     captures = 0
     daemon.until(lambda status: status["activity"] != "starting", "up")
@@ -94,8 +95,14 @@ def test_soak(request: pytest.FixtureRequest, daemon: Daemon) -> None:
         before, captures = captures, status["counts"].get("captures done", 0)
         if captures > before:
             measured.append(resources(daemon.process.pid))
-            if captures % 20 == 0:
-                print(captures, measured[-1], status["counts"])
+            if captures % 5 == 0 or captures <= FIRST_CAPTURES:
+                minutes = (time.monotonic() - began_s) / 60.0
+                megabytes, descriptors, threads = measured[-1]
+                print(
+                    f"{minutes:.1f} min, {captures} captures: {megabytes:.0f} MB, {descriptors} descriptors, "
+                    f"{threads} threads, {status['counts']}",
+                    flush=True,
+                )
     text = daemon.config_path.read_text()
     daemon.config_path.write_text(text.replace("every_s = 2.0", "every_s = 36000.0"))
     daemon.process.send_signal(signal.SIGHUP)
