@@ -79,7 +79,7 @@ class Captures:
         except RigError as error:
             reason = str(error)
         except StopRequestedError:
-            self._interrupted(source)
+            self._make_safe(source)
             raise
         with self._signals.shielded():
             bundle = self._take_in()
@@ -130,7 +130,11 @@ class Captures:
         self._board.tell("capture", stage=stage, trigger=source, reason=reason)
         _log.error(f"capture {stage}", trigger=source, reason=reason)
 
-    def _interrupted(self, source: TriggerSource) -> None:
+    def interrupted(self, source: TriggerSource) -> None:
+        """Say that there is no bundle, for the daemon ends."""
+        self._ended("interrupted", source, "the daemon ends")
+
+    def _make_safe(self, source: TriggerSource) -> None:
         """The stop came at any moment: see to it that the head is let go, and that a bundle that is complete is known."""
         try:
             with open_pan_tilt(self._config.pan_tilt):
@@ -139,7 +143,7 @@ class Captures:
             _log.error("head may be held", problem=str(error))
         bundle = self._take_in()
         if bundle is None:
-            self._ended("interrupted", source, "the daemon ends")
+            self.interrupted(source)
         else:
             self._board.count("captures done")
             _log.info("captured", bundle=bundle, trigger=source)

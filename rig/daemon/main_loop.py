@@ -31,8 +31,10 @@ CLOCK_STEP_S = 1.0
 ODOMETER_EVERY_S = 5.0
 TRYING_S = 30.0
 
-Inbox = queue.SimpleQueue[TriggerSource | Literal["reload"] | BaseException]
-"""What the other loops have for the main thread: a capture to take, a configuration to read, an error to end with."""
+Wanted = TriggerSource | Literal["reload"] | BaseException
+"""A capture to take, a configuration to read, an error to end with."""
+Inbox = queue.SimpleQueue[Wanted]
+"""What the other loops have for the main thread."""
 
 
 @dataclass(frozen=True)
@@ -136,6 +138,8 @@ class MainLoop:
             if wish == "reload":
                 following = self._reload(beat)
                 if following is not None:
+                    self._triggers.stop()
+                    self._take_started(beat)
                     return following
             else:
                 self._capture(wish, beat)
@@ -147,6 +151,25 @@ class MainLoop:
             self._board.set_activity("idle")
             self._triggers.done()
         self._search.wake()
+
+    def give_up(self) -> None:
+        """The daemon ends before a capture that was answered ``started`` has begun."""
+        while (wish := waiting_wish(self._inbox)) is not None:
+            if wish != "reload" and not isinstance(wish, BaseException):
+                self._captures.interrupted(wish)
+
+    def _take_started(self, beat: Callable[[], None]) -> None:
+        """A capture that was answered ``started`` while the next configuration was read is still taken, with this one."""
+        again = False
+        while (wish := waiting_wish(self._inbox)) is not None:
+            if isinstance(wish, BaseException):
+                raise wish
+            if wish == "reload":
+                again = True  # the file may have changed since it was read
+            else:
+                self._capture(wish, beat)
+        if again:
+            self._inbox.put("reload")
 
     def _reload(self, beat: Callable[[], None]) -> Following | None:
         """The configuration of the file as it is now; None where it is bad, and the one in force stays."""
@@ -178,6 +201,14 @@ class MainLoop:
                 except SpoolError as error:
                     _log.error("spool fails", problem=str(error))
                 self._odometer_saved = state
+
+
+def waiting_wish(inbox: Inbox) -> Wanted | None:
+    """What is in the inbox already; None where there is nothing."""
+    try:
+        return inbox.get_nowait()
+    except queue.Empty:
+        return None
 
 
 def refused(board: Board, problem: str) -> None:

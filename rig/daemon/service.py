@@ -10,6 +10,7 @@ import structlog
 from localizer.errors import SkyfixError
 from rig.config import RigConfig, load_config
 from rig.daemon.board import Board
+from rig.daemon.boot import process_age_s
 from rig.daemon.log import logging_to
 from rig.daemon.main_loop import refused, run_of, status_line
 from rig.daemon.notify import notifier_of
@@ -22,7 +23,6 @@ _log = structlog.get_logger(__name__)
 
 def serve(path: Path, environment: Mapping[str, str] = os.environ) -> None:
     """Run until SIGTERM or SIGINT. ``SkyfixError`` where it cannot start: nothing has moved then."""
-    begun_s = time.monotonic()
     config = load_config(path)
     run_of(config, path)
     notifier = notifier_of(environment)
@@ -30,9 +30,9 @@ def serve(path: Path, environment: Mapping[str, str] = os.environ) -> None:
     with logging_to(board, environment), Signals() as signals:
         shared = Shared(path, board, signals, notifier)
 
-        def started() -> None:
+        def started(seconds: float) -> None:
             notifier.ready(status_line(board.snapshot()))
-            _log.info("ready", seconds=round(time.monotonic() - begun_s, 2), config=str(path))
+            _log.info("ready", seconds=round(seconds, 2), config=str(path))
 
         try:
             with watchdog(shared.loops, notifier):
@@ -46,23 +46,29 @@ def serve(path: Path, environment: Mapping[str, str] = os.environ) -> None:
                 shared.worker.close()
 
 
-def _sessions(config: RigConfig, shared: Shared, first_started: Callable[[], None]) -> None:
-    """A session after the other. One that cannot start after another has run is refused, and the other one goes on."""
+def _sessions(config: RigConfig, shared: Shared, tell_started: Callable[[float], None]) -> None:
+    """A session after the other. One that cannot start after another has run is refused, and the other one goes on.
+
+    ``tell_started`` is told how many seconds a session took until it ran; the first counts from the start of the process.
+    """
     in_force: RigConfig | None = None
     runs = False
+    begun_s = time.monotonic() - process_age_s()
 
     def started() -> None:
         nonlocal in_force, runs
         in_force, runs = config, True
-        first_started()
+        tell_started(time.monotonic() - begun_s)
 
     while True:
         runs = False
         try:
             config = session(config, shared, started)
+            begun_s = time.monotonic()
             _log.info("configuration read anew", config=str(shared.path))
         except SkyfixError as error:
             if runs or in_force is None or config is in_force:
                 raise
+            begun_s = time.monotonic()
             refused(shared.board, str(error))
             config = in_force

@@ -46,6 +46,7 @@ class Shared:
     signals: Signals
     notifier: Notifier
     loops: Loops = field(default_factory=Loops)
+    inbox: Inbox = field(default_factory=queue.SimpleQueue)
     worker: SearchProcess | None = None
 
 
@@ -62,7 +63,7 @@ def session(config: RigConfig, shared: Shared, started: Callable[[], None]) -> R
         shared.worker = None
         stack.callback(search.close)
         stop = threading.Event()
-        inbox: Inbox = queue.SimpleQueue()
+        inbox = shared.inbox
         hardware = Hardware()
         triggers = Triggers(board, partial(obstacle, board), inbox.put)
         watch = DeviceWatch(config, board, hardware, besides=("inclinometer",) if run.rest else ())
@@ -94,6 +95,7 @@ def session(config: RigConfig, shared: Shared, started: Callable[[], None]) -> R
             finally:
                 triggers.stop()
                 if shared.signals.stopping:
+                    main_loop.give_up()
                     board.set_activity("stopping")
                     shared.notifier.stopping("ending on request")
         shared.worker = following.worker or search.hand_over()

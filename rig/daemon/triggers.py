@@ -39,13 +39,13 @@ class Triggers:
                 if obstacle
                 else "started"
             )
-            self._busy = self._busy or answer == "started"
-        self._board.count("triggers")
-        self._board.count(f"triggers {answer}")
-        self._board.tell("trigger", source=source, answer=answer, why=obstacle)
-        _log.info("trigger", source=source, answer=answer, **({"why": obstacle} if obstacle else {}))
-        if answer == "started":
-            self._start(source)
+            self._board.count("triggers")
+            self._board.count(f"triggers {answer}")
+            self._board.tell("trigger", source=source, answer=answer, why=obstacle)
+            _log.info("trigger", source=source, answer=answer, **({"why": obstacle} if obstacle else {}))
+            if answer == "started":  # handed over before anybody can call ``stop``
+                self._busy = True
+                self._start(source)
         return answer
 
     def done(self) -> None:

@@ -1,23 +1,74 @@
 """Who asks for a capture and what he is told; rest and movement; devices that come and go."""
 
+import queue
 import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import Future
 from contextlib import contextmanager
+from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
-from rig.config import RigConfig
+from rig.config import RigConfig, load_config
 from rig.daemon import rest
 from rig.daemon.board import Board
 from rig.daemon.config import RestTrigger, RunSection
 from rig.daemon.device_watch import DeviceWatch, Hardware, next_wait_s, obstacle
+from rig.daemon.main_loop import Inbox, MainLoop
+from rig.daemon.notify import Notifier
 from rig.daemon.rest import SAMPLES_A_SECOND, RestDetector, RestWatch, noise_mg
 from rig.daemon.triggers import Triggers
 from rig.errors import DeviceError
 from rig.readings import AccelerationReading, Instant
 from rig.watch.sources import Reading, Source
+
+EXAMPLE = Path(__file__).parents[2] / "configs" / "vehicle.toml"
+
+
+class TestNextConfiguration:
+    @pytest.fixture
+    def board(self) -> Board:
+        board = Board()
+        board.set_activity("idle")
+        return board
+
+    def a_loop(self, board: Board, taken: list[str]) -> tuple[MainLoop, Triggers, Inbox]:
+        config = load_config(EXAMPLE)
+        assert config.run
+        inbox: Inbox = queue.SimpleQueue()
+        triggers = Triggers(board, lambda: None, inbox.put)
+        terrain: Future[None] = Future()
+        terrain.set_result(None)
+        captures = SimpleNamespace(
+            take=lambda source, beat: taken.append(source),
+            interrupted=lambda source: taken.append(f"{source} interrupted"),
+        )
+        search = SimpleNamespace(terrain=terrain, wake=lambda: None)
+        parts: Any = (board, Notifier(None), triggers, captures, search, None, None, inbox)
+        return MainLoop(config.run, EXAMPLE, *parts), triggers, inbox
+
+    def test_a_capture_that_was_promised_meanwhile_is_still_taken(self, board: Board) -> None:
+        taken: list[str] = []
+        loop, triggers, inbox = self.a_loop(board, taken)
+        inbox.put("reload")
+        assert triggers.trigger("command") == "started"
+        inbox.put("reload")  # the file may have changed once more
+        assert loop.run(lambda: None, lambda: None).config == load_config(EXAMPLE)
+        assert taken == ["command"]
+        assert triggers.trigger("command") == "stopping"
+        assert inbox.get_nowait() == "reload"
+        assert inbox.empty()
+
+    def test_one_that_the_end_forestalls_is_accounted_for(self, board: Board) -> None:
+        taken: list[str] = []
+        loop, triggers, _ = self.a_loop(board, taken)
+        assert triggers.trigger("command") == "started"
+        triggers.stop()
+        loop.give_up()
+        assert taken == ["command interrupted"]
 
 
 class TestTriggers:
