@@ -1,7 +1,5 @@
 """The daemon on a vehicle that drives: ten stops in simulated terrain, with odometry; every place is held against the truth."""
 
-import os
-import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -9,40 +7,20 @@ from typing import Any
 import numpy as np
 import pytest
 from fakes.daemon import LONG_PATIENCE_S, Daemon, add_keys, running_daemon
+from fakes.driving import drive_to, next_stop
 
 from localizer.fix import Fix
 from sim.cli import EMBEDDED_DEM
-from sim.command import find_command, search_path
 from sim.demo import judge
 from sim.launcher import SimulatedRig, simulated_rig
 from sim.scenario import Scenario
 from sim.world import World
 
 STOPS = 10
-LEG_M, TURN_DEG = 250.0, 25.0
+TURN_DEG = 25.0
+DRIVE_S = 6.0
 CELL_M = 30.0
 STILL_S = 3.0
-
-
-def next_stop(rig: SimulatedRig, course_deg: float) -> tuple[float, float, float]:
-    """Latitude, longitude and course of a stop that is well inside the terrain, near the course."""
-    here = rig.world.place
-    for turn_deg in (0.0, 40.0, -40.0, 80.0, -80.0, 120.0, 180.0):
-        course = np.radians(course_deg + turn_deg)
-        lat_deg = here.lat_deg + LEG_M * np.cos(course) / 111_000.0
-        lon_deg = here.lon_deg + LEG_M * np.sin(course) / (111_000.0 * np.cos(np.radians(here.lat_deg)))
-        row, col = rig.world.surface.terrain.row_col(lon_deg, lat_deg)
-        rows, cols = rig.world.surface.height_m.shape
-        if 100 < float(row) < rows - 100 and 100 < float(col) < cols - 100:
-            return float(lat_deg), float(lon_deg), course_deg + turn_deg
-    raise AssertionError("nowhere to go")
-
-
-def drive_to(rig: SimulatedRig, lat_deg: float, lon_deg: float) -> None:
-    """As a user of the simulator drives it."""
-    command = [find_command("sim"), "drive", "--seconds", "6", "--"]
-    environment = {**os.environ, "PATH": search_path(), **rig.environment}
-    subprocess.run([*command, f"{lat_deg:.7f}", f"{lon_deg:.7f}"], env=environment, check=True, timeout=300)
 
 
 @pytest.fixture
@@ -71,7 +49,7 @@ def test_a_drive_with_a_look_at_each_stop(rig: SimulatedRig, daemon: Daemon) -> 
     for stop in range(STOPS):
         if stop:
             lat_deg, lon_deg, course_deg = next_stop(rig, course_deg + float(rng.normal(0.0, TURN_DEG)))
-            drive_to(rig, lat_deg, lon_deg)
+            drive_to(rig, lat_deg, lon_deg, DRIVE_S)
         status = daemon.until_idle(answers=stop + 1)  # it looks by itself when the vehicle has come to rest
         last = status["last"]
         fix, truth = Fix.model_validate(last["fix"]), rig.truth()

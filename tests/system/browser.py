@@ -39,6 +39,14 @@ class Page:
     def open(self, url: str) -> None:
         self.driver.get(url)
 
+    def resize(self, size: tuple[int, int, int]) -> None:
+        """As a device of that size shows it."""
+        width, height, ratio = size
+        self.driver.execute_cdp_cmd(
+            "Emulation.setDeviceMetricsOverride",
+            {"width": width, "height": height, "deviceScaleFactor": ratio, "mobile": ratio > 1},
+        )
+
     def text(self, element_id: str) -> str:
         return str(
             self.driver.execute_script("return document.getElementById(arguments[0]).innerText", element_id)
@@ -79,7 +87,7 @@ class Page:
 @contextmanager
 def browser(chromium: Path, chromedriver: Path, profile: Path, size: tuple[int, int, int]) -> Iterator[Page]:
     """A window of that size, with nothing in its memory."""
-    width, height, ratio = size
+    width, height, _ = size
     options = webdriver.ChromeOptions()
     options.binary_location = str(chromium)
     for flag in (*FLAGS, f"--user-data-dir={profile}", f"--window-size={width},{height}"):
@@ -87,10 +95,8 @@ def browser(chromium: Path, chromedriver: Path, profile: Path, size: tuple[int, 
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
     driver = webdriver.Chrome(options=options, service=Service(str(chromedriver)))
     try:
-        driver.execute_cdp_cmd(
-            "Emulation.setDeviceMetricsOverride",
-            {"width": width, "height": height, "deviceScaleFactor": ratio, "mobile": ratio > 1},
-        )
-        yield Page(driver)
+        page = Page(driver)
+        page.resize(size)
+        yield page
     finally:
         driver.quit()

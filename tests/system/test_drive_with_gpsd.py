@@ -1,20 +1,18 @@
 """A drive of ten stops on the simulated rig: the daemon's every position, as gpsd reports it, beside the truth."""
 
-import os
-import subprocess
 import time
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 import pytest
-from fakes.daemon import add_keys, running_daemon
+from fakes.daemon import LONG_PATIENCE_S, add_keys, running_daemon
+from fakes.driving import drive_to, next_stop
 from fakes.gpsd import ellipse, position, reports_of, time_of
 from pyproj import Geod
 
 from rig.config import load_config
 from sim.cli import EMBEDDED_DEM
-from sim.command import find_command, search_path
 from sim.launcher import simulated_rig
 from sim.scenario import Scenario
 from sim.world import World
@@ -22,9 +20,8 @@ from sim.world import World
 pytestmark = [pytest.mark.system, pytest.mark.timeout(0)]
 
 STOPS = 10
-LEG_M = 250.0
+TURN_DEG = 25.0
 DRIVE_S = 8.0
-MARGIN_CELLS = 100
 STILL_S = 3.0
 UNTIL_NOTICED_S = 4.0
 """From the first movement to the next epoch that gpsd has reported."""
@@ -41,25 +38,6 @@ class Stop:
     until_s: float
 
 
-def next_stop(rig, rng):
-    """Latitude and longitude of a place one leg away, well inside the terrain."""
-    here, surface = rig.world.place, rig.world.surface
-    for _ in range(100):
-        lon_deg, lat_deg, _ = GEOD.fwd(here.lon_deg, here.lat_deg, rng.uniform(0.0, 360.0), LEG_M)
-        inside = surface.terrain.row_col(lon_deg, lat_deg) / np.array(surface.height_m.shape)
-        margin = MARGIN_CELLS / np.array(surface.height_m.shape)
-        if (inside > margin).all() and (inside < 1.0 - margin).all():
-            return float(lat_deg), float(lon_deg)
-    return pytest.fail("nowhere to go")
-
-
-def drive(rig, lat_deg, lon_deg):
-    """As a user of the simulator drives it."""
-    command = [find_command("sim"), "drive", "--seconds", str(DRIVE_S), "--"]
-    environment = {**os.environ, "PATH": search_path(), **rig.environment}
-    subprocess.run([*command, f"{lat_deg:.7f}", f"{lon_deg:.7f}"], env=environment, check=True, timeout=300)
-
-
 def off_m(report, truth):
     """East and north of the truth."""
     azimuth_deg, _, distance_m = GEOD.inv(truth["lon_deg"], truth["lat_deg"], report["lon"], report["lat"])
@@ -74,7 +52,8 @@ def test_gpsd_never_reports_a_place_where_the_vehicle_is_not(program, tmp_path):
         add_keys(rig.config_path, "run.rest", still_s=STILL_S)
         add_keys(rig.config_path, "run.nmea", valid_s=600.0)  # until it moves, however slow this machine
         tcp = load_config(rig.config_path).run.nmea.tcp
-        with running_daemon(rig.config_path, tmp_path / "log") as daemon:
+        add_keys(rig.config_path, "run.search", time_s=LONG_PATIENCE_S)
+        with running_daemon(rig.config_path, tmp_path / "log", patience_s=LONG_PATIENCE_S) as daemon:
             daemon.until_ready()
             with reports_of(program, f"tcp://{tcp}") as reports:
                 stops, answers = drive_on(rig, daemon, rng, reports)
@@ -95,10 +74,11 @@ def of_place(place, report):
 
 def drive_on(rig, daemon, rng, reports):
     """Stop after stop; what gpsd said of each fix is compared at once with the answer's own figures."""
-    stops, answers = [], []
+    stops, answers, course_deg = [], [], 45.0
     for number in range(STOPS):
         if number:
-            drive(rig, *next_stop(rig, rng))
+            lat_deg, lon_deg, course_deg = next_stop(rig, course_deg + rng.normal(0.0, TURN_DEG))
+            drive_to(rig, lat_deg, lon_deg, DRIVE_S)
             stops[-1].until_s = time.monotonic() - DRIVE_S
         stops.append(Stop(rig.truth(), time.monotonic(), float("inf")))
         last = daemon.until_idle(answers=number + 1)["last"]

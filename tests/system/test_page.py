@@ -11,7 +11,8 @@ from typing import Any
 
 import pytest
 from browser import DESKTOP, PHONE, Page, browser
-from fakes.daemon import Daemon, add_keys, running_daemon
+from fakes.daemon import LONG_PATIENCE_S, Daemon, add_keys, running_daemon
+from fakes.driving import drive_to, next_stop
 from fakes.located import ScriptedActions, answer_of, bundle_id, write_bundle
 
 from localizer.fix import Status
@@ -31,6 +32,7 @@ pytestmark = [pytest.mark.system, pytest.mark.timeout(900)]
 TOKEN = "0123456789abcdef0123456789abcdef"
 SIZES = {"desktop": DESKTOP, "phone": PHONE}
 SMALLEST_PX = 14.0
+DRIVE_S = 6.0
 
 
 @pytest.fixture
@@ -197,9 +199,11 @@ def test_what_the_rig_says_is_never_taken_for_markup(rig: Rig, window: Callable[
 def test_a_drive_with_a_simulated_rig(window: Callable[[str], object], tmp_path: Path) -> None:
     """From the first look at the page, over the token and a capture, to the fix with its skylines and its track."""
     (tmp_path / "token").write_text(TOKEN)
+    (tmp_path / "token").chmod(0o600)
     world = World.create([EMBEDDED_DEM], load_scenario(None), 3)
-    with simulated_rig(world, dem_paths=[EMBEDDED_DEM]) as rig:
-        add_keys(rig.config_path, "run.http", token_file=f'"{tmp_path / "token"}"', valid_s=600.0)
+    with simulated_rig(world, bundle_dir=tmp_path / "bundles", dem_paths=[EMBEDDED_DEM]) as rig:
+        add_keys(rig.config_path, "run.http", token_file=f'"{tmp_path / "token"}"', valid_s=LONG_PATIENCE_S)
+        add_keys(rig.config_path, "run.search", time_s=LONG_PATIENCE_S)  # on a busy machine it is minutes
         with (
             running_daemon(rig.config_path, tmp_path / "log") as daemon,
             window("desktop") as page,  # type: ignore[attr-defined]
@@ -219,8 +223,8 @@ def test_a_drive_with_a_simulated_rig(window: Callable[[str], object], tmp_path:
             page.until_says("activity", "capturing")
             agrees(page, answered(page, daemon, 1))
 
-            truth = rig.truth()
-            rig.stand_at(truth["lat_deg"] + 0.004, truth["lon_deg"] - 0.003, heading_deg=310.0)
+            lat_deg, lon_deg, _ = next_stop(rig, 325.0)
+            drive_to(rig, lat_deg, lon_deg, DRIVE_S)
             page.until(lambda: can_capture(page), "ready again")
             page.does("document.getElementById('capture').click()")  # the token is known by now
             page.until_says("activity", "capturing")
@@ -233,6 +237,9 @@ def test_a_drive_with_a_simulated_rig(window: Callable[[str], object], tmp_path:
             if status["last"]["fix"]["position"]:
                 assert page.does(lines.format("predicted"))
             page.shoot("drive-desktop", tmp_path)
+            page.resize(PHONE)
+            page.until(lambda: fits(page), "as narrow as a phone")
+            page.shoot("drive-phone", tmp_path)
             foreign = "performance.getEntriesByType('resource').filter(e => !e.name.startsWith(location.origin)).length"
             assert page.does(foreign) == 0
             assert not [
@@ -253,11 +260,13 @@ def agrees(page: Page, status: dict[str, Any]) -> None:
 def answered(page: Page, daemon: Daemon, count: int) -> dict[str, Any]:
     """The daemon's status once so many bundles have an answer: on a busy machine a search takes minutes."""
 
-    def answers() -> int:
+    def is_answered() -> bool:
         counts = daemon.status()["counts"]
-        return sum(number for name, number in counts.items() if name.startswith("answers "))
+        lost = [name for name in ("captures failed", "captures refused", "searches failed") if name in counts]
+        assert not lost, daemon.log.read_text()
+        return sum(number for name, number in counts.items() if name.startswith("answers ")) == count
 
-    page.until(lambda: answers() == count, f"{count} answers")
+    page.until(is_answered, f"{count} answers: {daemon.log.read_text()}")
     return daemon.status()
 
 
