@@ -4,17 +4,19 @@ import math
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import rasterio
 from affine import Affine
 from numpy.typing import NDArray
 from pyproj import CRS
 from pyproj.exceptions import CRSError
-from rasterio.errors import NotGeoreferencedWarning, RasterioError
 
 from localizer.crs import WGS84, transform_xy
 from localizer.errors import SkyfixError
+
+if TYPE_CHECKING:
+    from rasterio import DatasetReader
 
 LOWEST_M, HIGHEST_M = -500.0, 9000.0
 """Elevations outside are voids: no land lies lower or higher, but undeclared nodata values do."""
@@ -65,6 +67,10 @@ class Tile:
 
 def read_tile(path: Path, vertical_unit: str | None, crs: str | None, nodata: float | None) -> Tile:
     """Read one file; the three options take precedence over what the file says. Raises ``DemError``."""
+    # GDAL is only for who reads: it would take tens of megabytes of a daemon that leaves this to another process.
+    import rasterio
+    from rasterio.errors import NotGeoreferencedWarning, RasterioError
+
     path = Path(path)
     if not path.exists():
         raise DemError(f"{path}: no such file")
@@ -80,7 +86,7 @@ def read_tile(path: Path, vertical_unit: str | None, crs: str | None, nodata: fl
 
 
 def _tile_of(
-    dataset: rasterio.DatasetReader,
+    dataset: "DatasetReader",
     path: Path,
     vertical_unit: str | None,
     crs: str | None,
@@ -117,7 +123,7 @@ def _tile_of(
     )
 
 
-def _check_layout(dataset: rasterio.DatasetReader, path: Path) -> None:
+def _check_layout(dataset: "DatasetReader", path: Path) -> None:
     if dataset.count != 1:
         raise DemError(f"{path}: has {dataset.count} bands, but an elevation model has one")
     if np.dtype(dataset.dtypes[0]).kind not in "iuf":
@@ -133,7 +139,7 @@ def _check_layout(dataset: rasterio.DatasetReader, path: Path) -> None:
         raise DemError(f"{path}: its grid is rotated; make it north-up with gdalwarp")
 
 
-def _crs_of(dataset: rasterio.DatasetReader, path: Path, option: str | None) -> CRS:
+def _crs_of(dataset: "DatasetReader", path: Path, option: str | None) -> CRS:
     if option is None and not dataset.crs:
         raise DemError(
             f"{path}: does not say its coordinate reference system; name it with --crs, as EPSG:4326"
@@ -148,7 +154,7 @@ def _crs_of(dataset: rasterio.DatasetReader, path: Path, option: str | None) -> 
     return crs if option is not None else _named(crs, dataset)
 
 
-def _named(crs: CRS, dataset: rasterio.DatasetReader) -> CRS:
+def _named(crs: CRS, dataset: "DatasetReader") -> CRS:
     """The CRS as EPSG lists it where that is the same one; USGS DEMs, for one, do not name theirs."""
     code = crs.to_epsg()
     if code is None or len(crs.axis_info) != 2:
@@ -160,9 +166,7 @@ def _named(crs: CRS, dataset: rasterio.DatasetReader) -> CRS:
     return listed if same else crs
 
 
-def _vertical_unit(
-    dataset: rasterio.DatasetReader, path: Path, crs: CRS, option: str | None
-) -> tuple[str, str]:
+def _vertical_unit(dataset: "DatasetReader", path: Path, crs: CRS, option: str | None) -> tuple[str, str]:
     if option is not None:
         if option not in VERTICAL_UNITS:
             raise DemError(f"--vertical-unit: {option} is not one of {', '.join(VERTICAL_UNITS)}")

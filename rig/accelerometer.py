@@ -8,9 +8,9 @@ import math
 from dataclasses import dataclass
 from typing import Protocol
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 Vector = NDArray[np.float64]
 Triple = tuple[float, float, float]
@@ -65,7 +65,7 @@ class AccelerometerCorrection:
         two_axes = np.isnan(vectors[:, 2])
         left = 1.0 - vectors[two_axes, 0] ** 2 - vectors[two_axes, 1] ** 2
         vectors[two_axes, 2] = np.sqrt(np.where(left > 0.0, left, np.nan))
-        turn = Rotation.from_rotvec(np.radians(self.mounting_deg)).as_matrix()
+        turn = cv2.Rodrigues(np.radians(self.mounting_deg))[0]
         return np.asarray(vectors @ turn.T)
 
 

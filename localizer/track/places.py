@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 from pyproj import Geod
-from scipy.optimize import minimize_scalar
 
 Floats = NDArray[np.float64]
 Matrix = tuple[tuple[float, float], tuple[float, float]]
@@ -95,6 +94,8 @@ def log_density(start: Place, end: Place, floor_m: float) -> float:
 
 def fuse(first: Place, second: Place) -> Place:
     """Both are the same place: where it is then. Covers no larger area than either."""
+    from scipy.optimize import minimize_scalar  # slow to import, and large in memory
+
     own = [p.covariance - p.common for p in (first, second)]
     common = [first.common, second.common]
 
