@@ -17,12 +17,14 @@ settings.load_profile("repeatable" if os.environ.get("CI") else "unhurried")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Options of the soak test."""
+    """Options of the long tests."""
     parser.addoption("--captures", type=int, default=500, help="how many captures the soak test takes")
     parser.addoption(
         "--soak-minutes", type=float, default=15.0, help="how long the daemon's soak test goes on"
     )
     parser.addoption("--soak-seed", type=int, default=1, help="another seed, other faults")
+    parser.addoption("--starts", type=int, default=5, help="how often the daemon is started for its figures")
+    parser.addoption("--idle-s", type=float, default=60.0, help="how long the idle daemon is looked at")
 
 
 LEFT_OUT = pytest.StashKey[Counter[str]]()
