@@ -16,6 +16,7 @@ from rig.daemon.board import Board, Snapshot, TriggerSource
 from rig.daemon.captures import Captures
 from rig.daemon.config import RunSection
 from rig.daemon.device_watch import all_tried, obstacle
+from rig.daemon.memory import give_back
 from rig.daemon.notify import Notifier
 from rig.daemon.odometry import Odometer
 from rig.daemon.search import Search
@@ -151,6 +152,7 @@ class MainLoop:
             self._board.set_activity("idle")
             self._triggers.done()
         self._search.wake()
+        give_back()
 
     def give_up(self) -> None:
         """The daemon ends before a capture that was answered ``started`` has begun."""

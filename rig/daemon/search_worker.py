@@ -31,6 +31,7 @@ from localizer.locate import load_kernels, observe
 from localizer.track.report import track_line
 from localizer.track.tracker import Tracker, follow
 from rig.atomic import write_atomically
+from rig.daemon.memory import give_back
 from rig.daemon.skylines import FILE_NAME, BundleSkylines, bundle_skylines
 from rig.daemon.spool_index import leg_of
 
@@ -64,6 +65,7 @@ def main() -> None:
         except SkyfixError as error:
             answer = {"error": str(error)}
         _send(out, answer)
+        give_back()
 
 
 def _receive(requests: "queue.SimpleQueue[dict[str, Any]]") -> None:
