@@ -5,18 +5,23 @@ acknowledge, 110 timed out, 5 the lines are stuck.
 """
 
 import errno
+import fcntl
 import os
 import re
 import socket
 import struct
 import threading
+import time
 from typing import Protocol
 
 import smbus2
 
 from rig.bus import tap
+from rig.bus.deadline import Deadline
 from rig.errors import ConfigError, DeviceError
 
+LOCK_WAIT_S, _LOCK_POLL_S = 3.0, 0.05
+"""A device file is one program's at a time. The daemon asks its devices within a second or two: that is waited for."""
 _BRIDGE_TIMEOUT_S = 2.0
 _BRIDGE_REQUEST = struct.Struct(">BBHH")  # bus, address, write length, read length
 _BRIDGE_ANSWER = struct.Struct(">HH")  # errno (0 = done), length of the data that follow
@@ -39,7 +44,11 @@ class I2cBus(Protocol):
 
 
 class SmbusI2c:
-    """A bus of the Linux kernel. Raises ``DeviceError`` where the device file cannot be opened."""
+    """A bus of the Linux kernel. Raises ``DeviceError`` where the device file cannot be opened.
+
+    It is locked for other programs of the rig, by flock, which no program but these asks for: two that set up the same chip
+    would have each other's settings, and take each other's samples.
+    """
 
     def __init__(self, path: str) -> None:
         self._path = path
@@ -51,6 +60,12 @@ class SmbusI2c:
                 errno.EACCES: "add the user to the group of the device file, often i2c",
             }.get(error.errno or 0, "correct `bus`")
             raise DeviceError(f"I2C bus {path}", f"cannot be opened ({error.strerror})", remedy) from error
+        assert self._bus.fd is not None
+        try:
+            _lock(self._bus.fd, path)
+        except BaseException:
+            self._bus.close()
+            raise
 
     def __str__(self) -> str:
         return self._path
@@ -68,6 +83,23 @@ class SmbusI2c:
 
     def close(self) -> None:
         self._bus.close()
+
+
+def _lock(descriptor: int, path: str) -> None:
+    """Until the descriptor is closed."""
+    waited = Deadline.after(LOCK_WAIT_S)
+    while True:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return
+        except BlockingIOError:
+            if waited.expired:
+                raise DeviceError(
+                    f"I2C bus {path}",
+                    "is in use by another program of the rig",
+                    "end it (rig watch, rig run, a calibration), or wait until it is done",
+                ) from None
+            time.sleep(_LOCK_POLL_S)
 
 
 class BridgeI2c:
@@ -135,7 +167,8 @@ def _receive(connection: socket.socket, length: int) -> bytes:
 class _Shared:
     """One open bus, the lock that keeps its transfers apart, and how many chips use it."""
 
-    def __init__(self, bus: I2cBus) -> None:
+    def __init__(self, key: str, bus: I2cBus) -> None:
+        self.key = key
         self.bus = bus
         self.lock = threading.Lock()
         self.users = 0
@@ -174,7 +207,7 @@ class SharedI2c:
         with _open_buses_lock:
             shared.users -= 1
             if shared.users == 0:
-                _open_buses.pop(self._url, None)
+                _open_buses.pop(shared.key, None)
                 with shared.lock:
                     shared.bus.close()
 
@@ -185,10 +218,11 @@ def open_i2c(url: str) -> I2cBus:
     ``url`` is a device file ("/dev/i2c-1") or a bridge ("tcp://127.0.0.1:4711/1"). Raises ``ConfigError``
     where it is neither, ``DeviceError`` where the bus cannot be opened.
     """
+    key = os.path.realpath(url) if url.startswith("/") else url  # udev may give a bus several names
     with _open_buses_lock:
-        shared = _open_buses.get(url)
+        shared = _open_buses.get(key)
         if shared is None:
-            shared = _open_buses[url] = _Shared(_open(url))
+            shared = _open_buses[key] = _Shared(key, _open(url))
         shared.users += 1
         return SharedI2c(url, shared)
 

@@ -170,10 +170,12 @@ class Spool:
 
     def set_answer(self, answer: Answer, tracker: Tracker) -> None:
         """Store what a bundle came to and the tracker's state after it, both or neither."""
+        size_bytes = _size_bytes(self.bundles_dir / answer.bundle)  # the search has put skylines beside it
         with self._transaction() as db:
             db.execute(
-                "UPDATE bundles SET state = 'located', tries = tries + 1, reason = NULL, answer = ? WHERE bundle = ?",
-                (ANSWER.dump_json(answer, by_alias=True).decode(), answer.bundle),
+                "UPDATE bundles SET state = 'located', tries = tries + 1, reason = NULL, answer = ?, bytes = ? "
+                "WHERE bundle = ?",
+                (ANSWER.dump_json(answer, by_alias=True).decode(), size_bytes, answer.bundle),
             )
             number = db.execute("SELECT number FROM bundles WHERE bundle = ?", (answer.bundle,)).fetchone()[0]
             remember(db, "tracker", tracker.to_json())
@@ -263,7 +265,6 @@ class Spool:
 
     def _take_in(self, db: sqlite3.Connection, name: str, intent: Mapping[str, Any]) -> None:
         folder = self.bundles_dir / name
-        size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
         captured = datetime.fromtimestamp((folder / FILE_NAME).stat().st_mtime, UTC).isoformat()
         trigger, boot, leg = intent.get("trigger", "found"), intent.get("boot"), intent.get("leg")
         db.execute(
@@ -271,7 +272,7 @@ class Spool:
             "VALUES (?, ?, ?, ?, ?, ?, 'waiting') "
             "ON CONFLICT (bundle) DO UPDATE SET here = 1, bytes = excluded.bytes, tries = 0, "
             "state = CASE WHEN answer IS NULL THEN 'waiting' ELSE 'located' END",
-            (name, captured, trigger, boot, json.dumps(leg) if leg else None, size),
+            (name, captured, trigger, boot, json.dumps(leg) if leg else None, _size_bytes(folder)),
         )
 
     def _delete(self, bundle: str) -> None:
@@ -309,3 +310,11 @@ class Spool:
                 if self._db.in_transaction:
                     self._db.execute("ROLLBACK")
                 raise SpoolError(f"{self.folder / 'index.sqlite'}: {error}; is the disk full?") from error
+
+
+def _size_bytes(folder: Path) -> int:
+    """Of all files in it; 0 where it is gone."""
+    try:
+        return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+    except FileNotFoundError:  # somebody deletes at this moment
+        return 0

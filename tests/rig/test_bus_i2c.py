@@ -50,10 +50,12 @@ class Kernel:
 
 
 @pytest.fixture
-def kernel(monkeypatch: pytest.MonkeyPatch) -> Kernel:
+def kernel(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Kernel:
     kernel = Kernel()
     monkeypatch.setattr(smbus2.smbus2, "ioctl", kernel.ioctl)
-    monkeypatch.setattr(smbus2.smbus2.os, "open", lambda path, flags: os.dup(0))
+    opened, file = os.open, tmp_path / "i2c-1"
+    file.touch()
+    monkeypatch.setattr(smbus2.smbus2.os, "open", lambda path, flags: opened(file, flags))
     return kernel
 
 
@@ -85,6 +87,27 @@ def test_a_kernel_bus_fails_with_the_kernels_errno(kernel, address, failure, exp
     with pytest.raises(OSError) as raised:  # noqa: PT011 its errno is checked
         SmbusI2c("/dev/i2c-1").transfer(address, b"\x00", 1)
     assert raised.value.errno == expected
+
+
+def test_a_kernel_bus_is_one_programs_at_a_time(kernel, monkeypatch):
+    monkeypatch.setattr("rig.bus.i2c.LOCK_WAIT_S", 0.1)
+    first = SmbusI2c("/dev/i2c-1")
+    with pytest.raises(
+        DeviceError, match=r"I2C bus /dev/i2c-1: is in use by another program of the rig; end"
+    ):
+        SmbusI2c("/dev/i2c-1")
+    first.close()
+    again = SmbusI2c("/dev/i2c-1")
+    assert again.transfer(0x76, b"\x10", 1) == b"\x10"
+    again.close()
+
+
+def test_a_kernel_bus_that_another_program_gives_back_soon_is_waited_for(kernel):
+    first = SmbusI2c("/dev/i2c-1")
+    threading.Timer(0.2, first.close).start()
+    second = SmbusI2c("/dev/i2c-1")
+    assert second.transfer(0x76, b"\x10", 1) == b"\x10"
+    second.close()
 
 
 def test_a_kernel_bus_that_is_not_there_is_one_clear_line():

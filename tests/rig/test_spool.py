@@ -194,6 +194,14 @@ class TestRestart:
             assert list(spool.bundles_dir.iterdir()) == []
             assert spool.entries(10) == []
 
+    def test_what_the_search_puts_beside_a_bundle_counts_too(self, spool: Spool) -> None:
+        captured(spool, "a")
+        (before,) = spool.entries(10)
+        (spool.bundles_dir / "a" / "skylines.json").write_bytes(b"x" * 12_345)
+        spool.set_answer(answer_for("a"), Tracker())
+        (after,) = spool.entries(10)
+        assert after.size_bytes == before.size_bytes + 12_345
+
     def test_a_folder_that_is_gone_is_told(self, tmp_path: Path) -> None:
         with Spool(tmp_path, QUOTA_MB) as spool:
             captured(spool, "a")
