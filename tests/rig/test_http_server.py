@@ -169,3 +169,23 @@ def test_the_map_shows_the_whole_dem_in_its_metric_crs(spool: Spool) -> None:
     assert sheet["south_m"] < 4_120_000 < sheet["north_m"]
     assert picture.headers["content-type"] == "image/webp"
     assert picture.content[8:12] == b"WEBP"
+
+
+def test_connections_over_which_nothing_is_asked_are_cut_off_and_streams_are_not(
+    spool: Spool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rig.daemon.http.patience.ASKED_WITHIN_S", 0.3)
+    board = Board()
+    with served(spool, board) as url, ExitStack() as stack:
+        host, port = url.removeprefix("http://").split(":")
+        listener = Listener(url)
+        for begun in (b"", b"GET /status HT", b"GET /status HTTP/1.1\r\nHost: localhost\r\n"):
+            client = stack.enter_context(socket.create_connection((host, int(port)), WAIT_S))
+            client.sendall(begun)
+            assert client.recv(100) == b""
+        assert not listener.ended
+        board.set_device("camera", "ok", "here")
+        wait_for(lambda: len(listener.events()) == 1)
+        asked = stack.enter_context(socket.create_connection((host, int(port)), WAIT_S))
+        asked.sendall(b"GET /status HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        assert asked.recv(12) == b"HTTP/1.1 200"

@@ -15,6 +15,7 @@ from rig.daemon.http.app import make_app
 from rig.daemon.http.bundles import BundleStore
 from rig.daemon.http.guard import read_token
 from rig.daemon.http.map import ReliefMap
+from rig.daemon.http.patience import PatientProtocol
 from rig.daemon.http.relay import Relay
 from rig.daemon.progress import Loops
 from rig.errors import RigError
@@ -53,7 +54,7 @@ def serving(
     server = uvicorn.Server(
         uvicorn.Config(
             app,
-            http="h11",
+            http=PatientProtocol,
             ws="none",
             loop="asyncio",
             lifespan="on",

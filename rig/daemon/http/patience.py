@@ -1,0 +1,33 @@
+"""Connections over which nothing is asked are given up; uvicorn waits for ever for a first question or the rest of one."""
+
+import asyncio
+
+from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
+
+ASKED_WITHIN_S = 30.0
+"""Whoever has not put a whole question for so long, at most twice as long, is cut off. A stream is an answer that goes on."""
+
+
+class PatientProtocol(H11Protocol):
+    """HTTP/1.1 as uvicorn speaks it, with an end to waiting for a question."""
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Somebody has come: wait for what is asked."""
+        super().connection_made(transport)
+        self._wait(None)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """There is nobody to wait for."""
+        self._waiting.cancel()
+        super().connection_lost(exc)
+
+    def _wait(self, answered: RequestResponseCycle | None) -> None:
+        """``answered`` is the question before, None where there was none."""
+        self._waiting = self.loop.call_later(ASKED_WITHIN_S, self._look, answered)
+
+    def _look(self, answered: RequestResponseCycle | None) -> None:
+        idle = self.cycle is None or self.cycle.response_complete
+        if idle and self.cycle is answered:
+            self.transport.close()
+        else:
+            self._wait(self.cycle if idle else None)
