@@ -29,6 +29,8 @@ GAP_SPEED_M_S = 1.0
 INDEPENDENT_M = 50.0
 """Slip and steering after so much way are independent of those before."""
 FLOOR_M = 0.5
+CREEPING_M_S = 0.1
+"""Up to here a course is worth nothing, and need not be said."""
 STANDING_M_S = 0.3
 """Up to here it may be the noise of a vehicle that stands."""
 LARGEST_DATAGRAM = 4096
@@ -39,7 +41,8 @@ class Way(BaseModel):
     """The way since the last capture; JSON both ways, so that a restart goes on with it.
 
     ``step_m`` (east, north); ``random_m2`` the variance in each direction of what is independent along the way;
-    ``legs_m2`` the covariance that legs brought with them; ``unknown`` once part of the way is.
+    ``aimless_m`` how far it went in directions that nobody told; ``legs_m2`` the covariance that legs brought with them;
+    ``unknown`` once part of the way is.
     """
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
@@ -49,19 +52,21 @@ class Way(BaseModel):
     fed: bool = False
     step_m: tuple[float, float] = (0.0, 0.0)
     random_m2: float = 0.0
+    aimless_m: float = 0.0
     legs_step_m: tuple[float, float] = (0.0, 0.0)
     legs_m2: tuple[tuple[float, float], tuple[float, float]] = ((0.0, 0.0), (0.0, 0.0))
     speed_m_s: tuple[float, float] | None = None
-    """East and north, when last heard of; at that monotonic time:"""
+    """East and north, when last heard of; of one without a course only the size counts. At that monotonic time:"""
     heard_s: float = 0.0
+    without_course: bool = False
 
 
 @dataclass(frozen=True)
 class Velocity:
-    """Speed over ground and true course."""
+    """Speed over ground and true course; None where that was not said."""
 
     speed_m_s: float
-    course_deg: float
+    course_deg: float | None
 
 
 class Odometer:
@@ -87,11 +92,13 @@ class Odometer:
     def velocity(self, velocity: Velocity, at_s: float) -> None:
         """The vehicle moves so at this moment."""
         with self._lock:
-            course = math.radians(velocity.course_deg)
+            course = math.radians(velocity.course_deg or 0.0)
             now = velocity.speed_m_s * math.sin(course), velocity.speed_m_s * math.cos(course)
+            without_course = velocity.course_deg is None
             if self._way.speed_m_s is not None:
-                self._add(now, at_s)
+                self._add(now, at_s, without_course or self._way.without_course)
             self._way.speed_m_s, self._way.heard_s, self._way.fed = now, at_s, True
+            self._way.without_course = without_course
 
     def leg(self, leg: Movement | None) -> None:
         """The vehicle has moved by so much since the last one; None: anywhere."""
@@ -109,7 +116,7 @@ class Odometer:
         """From the last ``restart`` to this moment; None where it is unknown."""
         with self._lock:
             if self._way.speed_m_s is not None and at_s - self._way.heard_s > GAP_S:
-                self._add(self._way.speed_m_s, at_s)
+                self._add(self._way.speed_m_s, at_s, self._way.without_course)
                 self._way.heard_s = at_s
             if self._way.unknown or not self._way.fed:
                 return None
@@ -119,7 +126,7 @@ class Odometer:
             covariance_m2 = (
                 np.outer(along_m, along_m)
                 + np.outer(aside_m, aside_m)
-                + np.eye(2) * (self._way.random_m2 + FLOOR_M**2)
+                + np.eye(2) * (self._way.random_m2 + FLOOR_M**2 + self._way.aimless_m**2 / 2.0)
                 + np.array(self._way.legs_m2)
             )
             return Movement(step_m + np.array(self._way.legs_step_m), covariance_m2)
@@ -130,7 +137,11 @@ class Odometer:
         with self._lock:
             before = self._before = self._way
             self._way = Way(
-                boot=before.boot, fed=before.fed, speed_m_s=before.speed_m_s, heard_s=before.heard_s
+                boot=before.boot,
+                fed=before.fed,
+                speed_m_s=before.speed_m_s,
+                heard_s=before.heard_s,
+                without_course=before.without_course,
             )
         return movement
 
@@ -147,14 +158,15 @@ class Odometer:
                     "fed": before.fed or now.fed,
                     "step_m": _sum(before.step_m, now.step_m),
                     "random_m2": before.random_m2 + now.random_m2,
+                    "aimless_m": before.aimless_m + now.aimless_m,
                     "legs_step_m": _sum(before.legs_step_m, now.legs_step_m),
                     "legs_m2": (tuple(legs_m2[0].tolist()), tuple(legs_m2[1].tolist())),
                 }
             )
             self._before = None
 
-    def _add(self, now_m_s: tuple[float, float], at_s: float) -> None:
-        """The way since the last speed, at the mean of both."""
+    def _add(self, now_m_s: tuple[float, float], at_s: float, aimless: bool) -> None:
+        """The way since the last speed, at the mean of both; in any direction where ``aimless``."""
         way, section = self._way, self._section
         assert way.speed_m_s is not None
         seconds = max(0.0, at_s - way.heard_s)
@@ -165,6 +177,9 @@ class Odometer:
         if seconds > GAP_S:
             fastest = max(math.hypot(*way.speed_m_s), math.hypot(*now_m_s), GAP_SPEED_M_S)
             way.random_m2 += (fastest * seconds) ** 2
+        if aimless:
+            way.aimless_m += (math.hypot(*way.speed_m_s) + math.hypot(*now_m_s)) / 2.0 * seconds
+            return
         step_m = mean * seconds
         share = max(section.speed_sigma_share, math.radians(section.heading_sigma_deg))
         way.random_m2 += share**2 * float(np.hypot(*step_m)) * INDEPENDENT_M
@@ -193,11 +208,13 @@ def velocity_in(sentence: Sentence) -> Velocity | None:
         speed_m_s = None if knots is None else knots * KNOT_M_S
     else:
         return None
-    if speed_m_s is None or (course_deg is None and speed_m_s > 0.1):
+    if speed_m_s is None:
         return None
+    if course_deg is None and speed_m_s <= CREEPING_M_S:
+        course_deg = 0.0
     if not 0.0 <= speed_m_s <= FASTEST_M_S or not 0.0 <= (course_deg or 0.0) <= 360.0:
         raise MessageError(f"{sentence.address} says {speed_m_s:.1f} m/s towards {course_deg} deg")
-    return Velocity(speed_m_s, course_deg or 0.0)
+    return Velocity(speed_m_s, course_deg)
 
 
 class OdometryListener:
@@ -211,6 +228,7 @@ class OdometryListener:
         self._odometer = odometer
         self._moving = moving
         self._bad = 0
+        self._without_course = False
 
     @property
     def address(self) -> tuple[str, int]:
@@ -241,6 +259,7 @@ class OdometryListener:
                 self._odometer.leg(parse_leg(line))
             elif velocity := velocity_in(parse_sentence(line)):
                 self._odometer.velocity(velocity, at_s)
+                self._note_course(velocity)
                 if velocity.speed_m_s > STANDING_M_S:
                     self._moving()
         except (MessageError, ValueError) as error:
@@ -249,3 +268,13 @@ class OdometryListener:
                 self._bad & (self._bad - 1) == 0
             ):  # 1, 2, 4, 8, ...: a talker that talks nonsense does not fill the log
                 _log.warning("odometry not understood", problem=str(error), so_far=self._bad)
+
+    def _note_course(self, velocity: Velocity) -> None:
+        """Said once for as long as it lasts; at rest there is nothing to be said."""
+        if velocity.speed_m_s <= STANDING_M_S or self._without_course == (velocity.course_deg is None):
+            return
+        self._without_course = velocity.course_deg is None
+        if self._without_course:
+            _log.warning("odometry says no course", way="counted in any direction")
+        else:
+            _log.info("odometry says its course again")

@@ -4,11 +4,12 @@ import math
 import socket
 import threading
 import time
-from contextlib import nullcontext
+from contextlib import closing, nullcontext
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from structlog.testing import capture_logs
 
 from localizer.track.odometry import parse_leg
 from rig.daemon.board import Board
@@ -41,9 +42,11 @@ class TestSentences:
             ("IIVTG,90.0,T,,M,10.0,N,,K", 10.0 * 1852 / 3600, 90.0),
             ("GPRMC,060000.00,A,,,,,10.0,350.5,261126,,,A", 10.0 * 1852 / 3600, 350.5),
             ("GPVTG,,T,,M,0.0,N,0.0,K,A", 0.0, 0.0),  # standing, there is no course
+            ("IIVTG,,T,,M,10.0,N,18.52,K,A", 18.52 / 3.6, None),
+            ("GPRMC,060000.00,A,,,,,10.0,,261126,,,A", 10.0 * 1852 / 3600, None),
         ],
     )
-    def test_speed_and_course(self, body: str, speed_m_s: float, course_deg: float) -> None:
+    def test_speed_and_course(self, body: str, speed_m_s: float, course_deg: float | None) -> None:
         velocity = velocity_in(parse_sentence(sentence(body)))
         assert velocity is not None
         assert velocity.speed_m_s == pytest.approx(speed_m_s)
@@ -54,7 +57,6 @@ class TestSentences:
         [
             "IIVTG,90.0,T,77.0,M,10.0,N,18.52,K,N",
             "GPRMC,060000.00,V,,,,,10.0,350.5,261126,,,N",
-            "IIVTG,,T,,M,10.0,N,18.52,K,A",
             "HCHDG,90.0,,,,",
         ],
     )
@@ -98,6 +100,23 @@ class TestWay:
         assert short is not None
         assert np.sqrt(np.diag(short.covariance_m2)).min() >= 20.0
         assert odometer.movement(end_s + 20.0 + 61.0) is None
+
+    def test_a_way_without_a_course_leads_in_any_direction(self) -> None:
+        odometer = Odometer(SECTION)
+        end_s = driven(odometer, 90.0, 10.0, 0.0, 10.0)
+        for second in range(1, 11):
+            odometer.velocity(Velocity(10.0, None), end_s + second)
+        leg = odometer.movement(end_s + 10.0)
+        assert leg is not None
+        assert leg.step_m == pytest.approx([100.0, 0.0], abs=1e-9)  # of these 100 m nothing else is known
+        sigmas_m = np.sqrt(np.diag(leg.covariance_m2))
+        assert sigmas_m == pytest.approx(100.0 / math.sqrt(2.0), rel=0.02)
+        odometer.begin(end_s + 10.0)
+        odometer.velocity(Velocity(0.0, 0.0), end_s + 10.1)
+        odometer.take_back()
+        whole = odometer.movement(end_s + 10.1)
+        assert whole is not None
+        assert np.sqrt(np.diag(whole.covariance_m2)).min() > 0.99 * 100.5 / math.sqrt(2.0)
 
     def test_legs_add_up(self) -> None:
         odometer = Odometer(SECTION)
@@ -213,3 +232,16 @@ def test_a_capture_that_the_spool_refuses_takes_nothing_off_the_way() -> None:
     way = odometer.movement(now_s)
     assert way is not None
     assert way.step_m[0] == pytest.approx(200.0)
+
+
+def test_a_talker_without_a_course_is_told_of_once() -> None:
+    listener = OdometryListener(SECTION, Odometer(SECTION))
+    moving, turning = sentence("IIVTG,,T,,M,10.0,N,18.52,K,A"), sentence("IIVTG,90.0,T,,M,10.0,N,18.52,K,A")
+    standing = sentence("IIVTG,,T,,M,0.0,N,0.0,K,A")
+    with capture_logs() as lines, closing(listener):
+        for line in (standing, moving, moving, standing, moving, turning, turning):
+            listener._take(line, time.monotonic())
+    assert [line["event"] for line in lines] == [
+        "odometry says no course",
+        "odometry says its course again",
+    ]
