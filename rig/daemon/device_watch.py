@@ -10,6 +10,7 @@ import structlog
 
 from rig.config import RigConfig
 from rig.daemon.board import Board
+from rig.daemon.servo_restarts import ServoRestarts, restart_servos
 from rig.errors import RigError
 from rig.watch.sources import Opener, sources_of
 
@@ -72,6 +73,7 @@ class DeviceWatch:
         hardware: Hardware,
         besides: tuple[str, ...] = (),
         openers: Mapping[str, Opener] | None = None,
+        restarts: ServoRestarts | None = None,
     ) -> None:
         """``besides`` are devices that somebody else watches."""
         assert config.run
@@ -79,6 +81,7 @@ class DeviceWatch:
         self._board = board
         self._hardware = hardware
         openers = sources_of(config) if openers is None else openers
+        self._restarts = restarts or ServoRestarts(lambda: restart_servos(config.pan_tilt))
         self._devices = {name: _Device(opener) for name, opener in openers.items() if name not in besides}
         for name in ALL:
             if name in openers:
@@ -104,6 +107,7 @@ class DeviceWatch:
 
     def worked(self) -> None:
         """A capture has just used what it needs: nothing is due."""
+        self._restarts.worked()
         due_s = time.monotonic() + self._run.check_every_s
         for name, device in self._devices.items():
             if name in NEEDED:
@@ -111,20 +115,32 @@ class DeviceWatch:
 
     def _probe(self, name: str, device: _Device) -> None:
         try:
-            with self._hardware.one(name), device.opener() as source:
-                reading = source.read()
+            with self._hardware.one(name):
+                with device.opener() as source:
+                    reading = source.read()
+                warnings = "; ".join(reading.warnings)
+                if name == "head" and warnings:  # of a hardware error: it will not move
+                    self._hindered(device, warnings)
+                    return
         except RigError as error:
             self._failed(name, device, str(error))
             return
-        warnings = "; ".join(reading.warnings)
-        if name == "head" and warnings:  # of a hardware error: it will not move
-            self._failed(name, device, warnings)
-            return
+        if name == "head":
+            self._restarts.fine()
         device.wait_s = 0.0
         device.due_s = time.monotonic() + self._run.check_every_s
         note_device(
             self._board, name, None, f"{source.identity}; {warnings}" if warnings else source.identity
         )
+
+    def _hindered(self, device: _Device, errors: str) -> None:
+        restarted = self._restarts.hindered()
+        if restarted:
+            self._board.count("servo restarts", len(restarted))
+            device.wait_s = 0.0
+        elif self._restarts.exhausted:
+            errors += "; restarted in vain: remove the cause, then power-cycle the servos"
+        self._failed("head", device, errors)
 
     def _failed(self, name: str, device: _Device, problem: str) -> None:
         device.wait_s = next_wait_s(device.wait_s, self._run.retry_least_s, self._run.retry_most_s)
