@@ -4,21 +4,15 @@ import json
 import logging
 from dataclasses import asdict
 from pathlib import Path
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 import click
 
 from localizer import command_line
 from localizer.completion import completion_command
 from rig.bundle_commands import bundle
-from rig.calibrate.commands import (
-    at_option,
-    calibrate,
-    dem_option,
-    dem_sigma_option,
-    known_place_of,
-    place_sigma_option,
-)
+from rig.calibrate.commands import calibrate
+from rig.calibrate.options import at_option, dem_option, known_place_of, place_sigma_options
 from rig.capture_command import capture
 from rig.cli_options import config_option
 from rig.config import config_path, load_config
@@ -29,6 +23,9 @@ from rig.service.commands import service
 from rig.signals import stopping_cleanly
 from rig.telemetry.command import telemetry
 from rig.watch.command import watch
+
+if TYPE_CHECKING:
+    from rig.calibrate.place import PlaceSigmas
 
 
 def main() -> NoReturn:
@@ -65,15 +62,13 @@ rig.add_command(service)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of the table.")
 @at_option
 @dem_option
-@place_sigma_option
-@dem_sigma_option
+@place_sigma_options
 def check(
     config_file: Path | None,
     as_json: bool,
     at: str | None,
     dem_paths: tuple[Path, ...],
-    place_sigma_m: float,
-    dem_sigma_m: float,
+    sigmas: "PlaceSigmas",
 ) -> int:
     """Connect to every device and say how it is; nothing moves. Ends with status 1 if any device fails.
 
@@ -95,9 +90,7 @@ def check(
         offsets = []
         if place is not None and all(result.ok for result in results):
             from rig.calibrate.boresight import check_boresight
-            from rig.calibrate.boresight_fit import PlaceSigmas
 
-            sigmas = PlaceSigmas(place_sigma_m, dem_sigma_m, dem_sigma_m)
             offsets = check_boresight(config, place, sigmas)
     if as_json:
         found = checks.as_json(results)

@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from localizer.camera import pixel_rays
 from localizer.horizon.from_image import CONFIDENT, ColumnState, Skyline, find_skyline
 from localizer.observation import NO_COMPASS_SIGMA_DEG
-from rig.calibrate.boresight_fit import BoresightFit, PlaceSigmas, SkylineFrame, fit_boresight
+from rig.calibrate.boresight_fit import BoresightFit, fit_boresight
 from rig.calibrate.figures import new_figure
 from rig.calibrate.horizon_profile import STEP_DEG, HorizonProfile, horizon_profile
-from rig.calibrate.place import KnownPlace
+from rig.calibrate.place import KnownPlace, PlaceSigmas
 from rig.calibrate.session import Session
+from rig.calibrate.skyline_frame import SkylineFrame
 from rig.calibration import BoresightCalibration, Matrix
 from rig.capture import View, in_passing, look, take_view
 from rig.config import CameraSection, RigConfig

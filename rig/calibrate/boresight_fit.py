@@ -11,18 +11,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from localizer.camera import azimuth_elevation_deg, camera_to_world
+from rig.calibrate.boresight_search import search_turn
 from rig.calibrate.horizon_profile import HorizonProfile
+from rig.calibrate.place import PlaceSigmas
 from rig.calibrate.ridge_errors import covariance_deg2, ridge_errors
+from rig.calibrate.skyline_frame import Points, SkylineFrame
 from rig.calibrate.solve import Solved, solve
 from rig.calibration import CalibrationError
-from rig.kinematics import Attitude, body_rotation, wrapped_deg
+from rig.kinematics import Attitude, wrapped_deg
 
 Vector = NDArray[np.float64]
 
-SEARCH_STEP_DEG = 0.25
-RIVAL_APART_DEG = 3.0
-RIVAL_FACTOR = 1.3
 LEAST_FRAMES = 3
 LEAST_SHARE = 0.25
 MISFIT_LIMIT_DEG = 0.2
@@ -32,37 +31,10 @@ TILT_SIGMA_LIMIT_DEG = 0.05
 PLACE_SIGMAS = 4.0
 BORESIGHT_PRIOR_DEG = 30.0
 MAD_TO_SIGMA = 1.4826
-SEARCH_ROUNDS = 4
-ROUNDS = 2
+ROUNDS = 12
+STANDS_DEG = 1e-4
 TRACED_SIGMA_DEG = 0.01
 """A tenth of a pixel by which a bright sky makes every skyline look lower or higher: no number of points averages that away."""
-
-
-@dataclass(frozen=True)
-class SkylineFrame:
-    """One frame: the head as joints, heading and inclinometer say, and the skyline's rays (n, 3) in the camera with sigmas.
-
-    ``share`` is the part of the columns that showed it. The sigma of azimuth is of the pan's ``stop``, which frames may share;
-    that of tilt is this frame's own.
-    """
-
-    label: str
-    head: Attitude
-    rays: Vector
-    sigma_deg: Vector
-    share: float
-    azimuth_sigma_deg: float
-    tilt_sigma_deg: float
-    stop: int
-
-
-@dataclass(frozen=True)
-class PlaceSigmas:
-    """How well the place is known: horizontally and in altitude, metres, and the heights of the DEM."""
-
-    horizontal_m: float
-    altitude_m: float
-    dem_m: float
 
 
 @dataclass(frozen=True)
@@ -96,9 +68,9 @@ def fit_boresight(
 ) -> BoresightFit:
     """Fit. ``CalibrationError`` where the skyline is hidden, or is not the one that the DEM has there."""
     _require_skyline(frames)
-    points = _Points(frames)
+    points = Points(frames)
     search_deg = min(max(4.0 * heading_sigma_deg, 40.0), 180.0)
-    shift_deg, tilt_deg, roll_deg = _search(points, profile, start, search_deg)
+    shift_deg, tilt_deg, roll_deg = search_turn(points, profile, start, search_deg)
     stops = max(frame.stop for frame in frames) + 1
     boresight = np.array([start.azimuth_deg, start.tilt_deg, start.roll_deg])
     # A large turn is the camera's as far as a camera can be turned in its head, the rest the heading's.
@@ -198,62 +170,12 @@ def _together(
             return np.concatenate([whiten @ left(unknowns).left_deg, known(unknowns)])
 
         solved = solve(misfit, unknowns)
+        moved = np.abs(solved.unknowns - unknowns)[:4]
         unknowns = solved.unknowns
+        if moved.max() < STANDS_DEG:
+            break
     white = errors.whiten @ left(unknowns).left_deg
     return Solved(unknowns, solved.covariance * max(1.0, float(np.mean(white**2)))), errors.dem_factor
-
-
-class _Points:
-    """The points of all frames, one after the other."""
-
-    def __init__(self, frames: Sequence[SkylineFrame]) -> None:
-        self.frame = np.concatenate([np.full(len(f.rays), i) for i, f in enumerate(frames)])
-        self.stop = np.concatenate([np.full(len(f.rays), f.stop) for f in frames])
-        self.sigma_deg = np.concatenate([f.sigma_deg for f in frames])
-        self._rays = [f.rays for f in frames]
-        self._heads = [body_rotation(f.head) for f in frames]
-
-    def seen(self, boresight: Attitude, turn_deg: Vector) -> tuple[Vector, Vector]:
-        """Azimuth (turned further by ``turn_deg``) and elevation of all points, for a camera that sits so in the head."""
-        camera = camera_to_world(boresight.azimuth_deg, boresight.tilt_deg, boresight.roll_deg)
-        world = np.concatenate([r @ (h @ camera).T for r, h in zip(self._rays, self._heads, strict=True)])
-        azimuth, elevation = azimuth_elevation_deg(world)
-        return azimuth + turn_deg, elevation
-
-    @property
-    def across(self) -> Vector:
-        """How far right of the optical axis each point lies, as an angle in radians: what a roll lifts."""
-        rays = np.concatenate(self._rays)
-        return np.asarray(np.arctan2(rays[:, 0], rays[:, 2]))
-
-
-def _search(
-    points: _Points, profile: HorizonProfile, start: Attitude, within_deg: float
-) -> tuple[float, float, float]:
-    """Turn, tilt and roll (degrees) by which the skyline fits best, roughly. ``CalibrationError`` where two turns fit alike."""
-    azimuth, elevation = points.seen(start, np.zeros(len(points.frame)))
-    design = np.column_stack([np.ones(len(azimuth)), np.degrees(points.across)])
-    shifts = np.arange(-within_deg, within_deg + SEARCH_STEP_DEG / 2, SEARCH_STEP_DEG)
-    scores, levels = [], []
-    for shift in shifts:
-        difference = profile.elevation(azimuth + shift) - elevation
-        weights = np.ones(len(difference))
-        for _ in range(SEARCH_ROUNDS):  # least absolute differences
-            weighted = design * (weights**2)[:, None]
-            level = np.linalg.solve(design.T @ weighted, weighted.T @ difference)
-            off = np.abs(difference - design @ level)
-            weights = 1.0 / np.sqrt(np.maximum(off, 0.02))
-        scores.append(float(np.median(off)))
-        levels.append(level)
-    best = int(np.argmin(scores))
-    rivals = np.abs((shifts - shifts[best] + 180.0) % 360.0 - 180.0) > RIVAL_APART_DEG
-    if rivals.any() and np.array(scores)[rivals].min() < RIVAL_FACTOR * scores[best]:
-        raise CalibrationError(
-            "boresight: the skyline fits no one direction better than the others: this is another place than given, or too "
-            "little of the ridge is seen; check --at, wait for better sight, or drive where the skyline is rugged"
-        )
-    # A roll to the right lowers the right of the world in the camera's view, so the fit's sign is turned.
-    return float(shifts[best]), float(levels[best][0]), -float(np.degrees(levels[best][1]))
 
 
 def _require_skyline(frames: Sequence[SkylineFrame]) -> None:

@@ -22,6 +22,15 @@ class KnownPlace:
     ground_m: float
 
 
+@dataclass(frozen=True)
+class PlaceSigmas:
+    """How well the place is known: horizontally and in altitude, metres, and the heights of the DEM."""
+
+    horizontal_m: float
+    altitude_m: float
+    dem_m: float
+
+
 def parse_place(text: str) -> tuple[float, float]:
     """ "LAT,LON" in degrees. ``ValueError``, one sentence, where it is something else."""
     try:

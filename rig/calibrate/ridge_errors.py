@@ -18,8 +18,12 @@ COMMON_SHARE, COMMON_SPAN = 0.25, 0.7
 """Of the variance, what ridges of like distance have in common; and how much farther (natural logarithm) is no longer like."""
 FACTORS = 1.5 ** np.arange(-2, 8)
 """By which the DEM may be better or worse than told. No better than half: a lucky fit is no survey."""
-OUTLIER_SIGMAS = 3.0
+OUTLIER_SIGMAS = 1.5
 LEAST_SPREAD = 0.3
+"""A point that is off by more than so many times what the others are is distrusted, with the square of how much more.
+
+In haze a far ridge is now and then traced along a nearer one below it: always to the same side, and at up to a third of it.
+"""
 
 
 @dataclass(frozen=True)
@@ -50,11 +54,11 @@ def covariance_deg2(sigma_deg: Vector, azimuth_deg: Vector, distance_m: Vector) 
 def ridge_errors(left_deg: Vector, image_deg: Vector, dem_deg: Vector, alike_deg2: Vector) -> RidgeErrors:
     """What is left at n points, the sigmas of image and DEM there, and the DEM's covariance (n, n) as told.
 
-    The DEM's factor is the likeliest one; points far off have their image distrusted, in proportion.
+    The DEM's factor is the likeliest one; points far off have their image distrusted.
     """
     sigma_deg = np.hypot(image_deg, dem_deg)
     spread = max(1.4826 * float(np.median(np.abs(left_deg / sigma_deg))), LEAST_SPREAD)
-    distrust = np.maximum(np.abs(left_deg) / (OUTLIER_SIGMAS * spread * sigma_deg), 1.0)
+    distrust = np.maximum(np.abs(left_deg) / (OUTLIER_SIGMAS * spread * sigma_deg), 1.0) ** 2
     of_image = np.diag((image_deg * distrust) ** 2)
     roots = [np.linalg.cholesky(alike_deg2 * factor**2 + of_image) for factor in FACTORS]
     best = int(np.argmax([_log_likelihood(root, left_deg) for root in roots]))

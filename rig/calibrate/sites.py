@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 from localizer.dem import Dem
 from localizer.geodesy import enu_to_metric_jacobian, metric_to_rowcol, rowcol_to_lonlat, rowcol_to_metric
 from localizer.horizon.from_terrain import horizon, prepare_terrain
-from rig.calibrate.boresight_fit import PlaceSigmas
 from rig.calibrate.horizon_profile import NEAREST_M
-from rig.calibrate.place import KnownPlace
+from rig.calibrate.place import KnownPlace, PlaceSigmas
 from rig.calibrate.ridge_errors import covariance_deg2
 from rig.calibration import CalibrationError
 

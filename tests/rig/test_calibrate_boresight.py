@@ -1,11 +1,15 @@
 """The DEM's skyline says how the camera sits, and refuses a wrong place and a hidden ridge."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from localizer.camera import camera_to_world
-from rig.calibrate.boresight_fit import PlaceSigmas, SkylineFrame, fit_boresight
+from rig.calibrate.boresight_fit import fit_boresight
 from rig.calibrate.horizon_profile import STEP_DEG, HorizonProfile
+from rig.calibrate.place import PlaceSigmas
+from rig.calibrate.skyline_frame import SkylineFrame
 from rig.calibration import CalibrationError
 from rig.kinematics import Attitude, body_rotation
 
@@ -64,6 +68,27 @@ def test_frames_at_one_tilt_do_not_tell_camera_from_heading() -> None:
     together = fit.boresight.azimuth_deg + fit.heading_offset_deg
     assert together == pytest.approx(CAMERA.azimuth_deg + HEADING_DEG, abs=0.1)
     assert abs(fit.heading_offset_deg) < 0.05, "a compass that is sure is believed"
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_far_ridges_traced_too_low_do_not_tilt_the_camera(seed: int) -> None:
+    """Haze hides a third of the far skyline, and what is traced there is the nearer ridge below it."""
+    rugged = ridges(1)
+    far = AZIMUTHS_DEG % 90.0 < 45.0
+    distance = np.where(far, 6000.0, 1500.0)
+    by_place = np.zeros((3, len(AZIMUTHS_DEG)))
+    by_place[2] = -np.degrees(1.0 / distance)
+    profile = HorizonProfile(rugged.elevation_deg, distance, by_place)
+    rng = np.random.default_rng(seed)
+    hazy = []
+    for frame in frames(profile):
+        azimuth_deg = frame.head.azimuth_deg + np.arange(-28.0, 28.0, 1.0)
+        missed = (profile.distance(azimuth_deg) > 3000.0) & (rng.uniform(size=len(azimuth_deg)) < 0.35)
+        low = np.where(missed, rng.uniform(0.05, 0.25, len(azimuth_deg)), 0.0)
+        rays = frame.rays + np.radians(low)[:, None] * [0.0, 1.0, 0.0]
+        hazy.append(replace(frame, rays=rays / np.linalg.norm(rays, axis=1)[:, None]))
+    fit = fit_boresight(hazy, profile, UNKNOWN, 0.5, PlaceSigmas(4.0, 1.5, 1.5))
+    assert fit.boresight.tilt_deg == pytest.approx(CAMERA.tilt_deg, abs=0.015)
 
 
 def test_another_place_is_refused() -> None:

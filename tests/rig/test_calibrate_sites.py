@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 from pyproj import CRS
 
 from localizer.dem import dem_from_array
-from rig.calibrate.boresight_fit import PlaceSigmas
-from rig.calibrate.place import KnownPlace
+from rig.calibrate.place import KnownPlace, PlaceSigmas
 from rig.calibrate.ridge_errors import covariance_deg2, ridge_errors
 from rig.calibrate.sites import APART_M, AZIMUTHS_DEG, _apart_m, best_sites, expected_sigmas_deg
 from rig.calibration import CalibrationError
