@@ -1,7 +1,7 @@
 """Calibrate the boresight at a known place, or check there whether the calibration still holds."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -16,7 +16,7 @@ from rig.calibrate.horizon_profile import STEP_DEG, HorizonProfile, horizon_prof
 from rig.calibrate.place import KnownPlace, PlaceSigmas
 from rig.calibrate.session import Session
 from rig.calibrate.skyline_frame import SkylineFrame
-from rig.calibration import BoresightCalibration, Matrix
+from rig.calibration import BoresightCalibration, CalibrationError, Matrix
 from rig.capture import View, in_passing, look, take_view
 from rig.config import CameraSection, RigConfig
 from rig.connect import Rig, connect
@@ -30,6 +30,9 @@ POINTS_APART_PX = 12
 LEAN_SHARE = 0.65  # of half the picture's height
 CENTRAL_SHARE = 0.05
 LEAST_SIGMA_PX = 0.3
+TURNED_LIMIT_DEG = 1.0
+LEANED_LIMIT_DEG = 0.1
+"""By how much a vehicle that stands may seem to have moved, by the noise of compass and inclinometer."""
 HOLDS_SIGMAS = 3.0
 CHECK_DIRECTIONS = 8
 HARMLESS_DEG = (0.15, 0.03, 0.08)
@@ -100,7 +103,13 @@ def measure_boresight(
         standing = measure_standing(rig)
         say(f"vehicle: heading {standing.attitude.azimuth_deg:.1f} +- {standing.heading.sigma_deg:.1f} deg")
         frames = look_round(rig, standing, around, say)
+        turned_deg = turned_meanwhile_deg(standing, measure_standing(rig))
         device = rig.camera.identify()
+    # Two headings are better than one, and it is the whole of it that a bundle's azimuths are measured from.
+    frames = [
+        replace(frame, head=replace(frame.head, azimuth_deg=frame.head.azimuth_deg + turned_deg / 2.0))
+        for frame in frames
+    ]
     camera = config.camera
     start = Attitude(camera.boresight_azimuth_deg, camera.boresight_tilt_deg, camera.boresight_roll_deg)
     return (
@@ -108,6 +117,21 @@ def measure_boresight(
         profile,
         device,
     )
+
+
+def turned_meanwhile_deg(before: Standing, after: Standing) -> float:
+    """By how much the heading has changed. ``CalibrationError`` where the vehicle has moved between its pictures."""
+    turned_deg = wrapped_deg(after.attitude.azimuth_deg - before.attitude.azimuth_deg)
+    leaned_deg = max(
+        abs(after.level.pitch_deg - before.level.pitch_deg), abs(after.level.roll_deg - before.level.roll_deg)
+    )
+    without_compass = before.heading.sigma_deg >= NO_COMPASS_SIGMA_DEG
+    if leaned_deg > LEANED_LIMIT_DEG or (abs(turned_deg) > TURNED_LIMIT_DEG and not without_compass):
+        raise CalibrationError(
+            f"boresight: the vehicle moved while it was measured (it turned by {abs(turned_deg):.2f} deg and leans "
+            f"{leaned_deg:.2f} deg otherwise); let nobody get on or off, engine off, and calibrate again"
+        )
+    return turned_deg
 
 
 def look_round(

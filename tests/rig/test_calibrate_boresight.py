@@ -6,12 +6,16 @@ import numpy as np
 import pytest
 
 from localizer.camera import camera_to_world
+from rig.attitude import BaseLevel
+from rig.calibrate.boresight import turned_meanwhile_deg
 from rig.calibrate.boresight_fit import fit_boresight
 from rig.calibrate.horizon_profile import STEP_DEG, HorizonProfile
 from rig.calibrate.place import PlaceSigmas
 from rig.calibrate.skyline_frame import SkylineFrame
 from rig.calibration import CalibrationError
+from rig.heading import TrueHeading
 from rig.kinematics import Attitude, body_rotation
+from rig.standing import Standing
 
 AZIMUTHS_DEG = np.arange(0.0, 360.0, STEP_DEG)
 CAMERA = Attitude(2.6, -1.4, 1.1)
@@ -100,3 +104,19 @@ def test_cloud_before_the_ridge_is_refused() -> None:
     profile = ridges(1)
     with pytest.raises(CalibrationError, match="shows in 0 of 16 frames"):
         fit_boresight(frames(profile, share=0.1), profile, UNKNOWN, 0.5, SIGMAS)
+
+
+def standing(heading_deg: float, pitch_deg: float) -> Standing:
+    level = BaseLevel(pitch_deg, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    heading = TrueHeading(heading_deg, 0.3, None)
+    return Standing(level.attitude(heading_deg), level, heading, {}, {}, ())
+
+
+def test_two_headings_of_a_vehicle_that_stands_are_compared() -> None:
+    assert turned_meanwhile_deg(standing(359.9, 2.0), standing(0.1, 2.01)) == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize(("heading_deg", "pitch_deg"), [(31.5, 2.0), (30.0, 2.3)])
+def test_a_vehicle_that_moved_meanwhile_is_refused(heading_deg: float, pitch_deg: float) -> None:
+    with pytest.raises(CalibrationError, match="the vehicle moved while it was measured"):
+        turned_meanwhile_deg(standing(30.0, 2.0), standing(heading_deg, pitch_deg))
