@@ -195,7 +195,6 @@ def test_what_the_rig_says_is_never_taken_for_markup(rig: Rig, window: Callable[
         assert "owned" not in page.does("document.title")  # type: ignore[operator]
 
 
-@pytest.mark.long
 def test_a_drive_with_a_simulated_rig(window: Callable[[str], object], tmp_path: Path) -> None:
     """From the first look at the page, over the token and a capture, to the fix with its skylines and its track."""
     (tmp_path / "token").write_text(TOKEN)

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import pytest
 from booted import Booted, booted
 
-pytestmark = [pytest.mark.system, pytest.mark.long, pytest.mark.timeout(1500)]
+pytestmark = [pytest.mark.system, pytest.mark.timeout(1500)]
 
 RIG = "/opt/skyfix/bin/rig"
 CONFIG = "/etc/skyfix/vehicle.toml"
