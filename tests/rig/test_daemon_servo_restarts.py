@@ -1,13 +1,20 @@
 """A head that has shut down is brought back, with care."""
 
+import threading
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
+from fakes.daemon import add_keys
 from fakes.simulated import quick_rig, world
 
 from rig.config import load_config
+from rig.daemon.board import Board
+from rig.daemon.device_watch import DeviceWatch, Hardware
 from rig.daemon.servo_restarts import ServoRestarts, restart_servos
 from rig.errors import DeviceError
+from sim.cli import EMBEDDED_DEM
 from sim.devices.servo import ENCODER_ERROR, OVERLOAD_ERROR
 
 
@@ -27,6 +34,29 @@ def test_a_servo_that_shut_down_for_an_overload_comes_back_without_torque_and_th
         assert quick.torques == [0, 0]
         assert restart_servos(section) == []
         quick.capture()
+
+
+def test_the_daemon_is_ready_again_after_an_overload(tmp_path: Path) -> None:
+    with quick_rig(world(), tmp_path, dem_paths=[EMBEDDED_DEM]) as quick:
+        add_keys(quick.rig.config_path, "run", retry_least_s=0.1, retry_most_s=0.2, check_every_s=0.2)
+        config, board, stop = load_config(quick.rig.config_path), Board(), threading.Event()
+        restarts = ServoRestarts(lambda: restart_servos(config.pan_tilt), (0.5,))
+        watch = DeviceWatch(config, board, Hardware(), restarts=restarts)
+        thread = threading.Thread(target=watch.run, args=(lambda: None, stop))
+        with board.subscribed() as events:
+            quick.rig.pan.fail(OVERLOAD_ERROR)
+            thread.start()
+            said: list[Mapping[str, Any]] = []
+            while not said or said[-1]["state"] != "ok":
+                event = events.get(60.0)
+                assert event is not None, said
+                if event.data.get("name") == "head":
+                    said.append(event.data)
+            stop.set()
+            thread.join()
+        assert [each["state"] for each in said] == ["failing", "ok"]
+        assert said[0]["detail"].endswith("overload")
+        assert board.snapshot().counts["servo restarts"] == 1
 
 
 def test_a_broken_encoder_is_not_restarted(tmp_path: Path) -> None:
