@@ -54,6 +54,11 @@ def test_a_drive_with_a_look_at_each_stop(rig: SimulatedRig, daemon: Daemon) -> 
         last = status["last"]
         fix, truth = Fix.model_validate(last["fix"]), rig.truth()
         outcome = judge(fix, truth)
+        assert not outcome.wrong
+        if fix.status == "none":  # a far ridge in the haze that was not found, say: no place is named then
+            print(f"stop {stop}: none, {last['mode']}")
+            answers.append(last)
+            continue
         heading_off_deg = (
             last["vehicle_heading_deg"] - truth["base_attitude"]["heading_deg"] + 180
         ) % 360 - 180
@@ -61,7 +66,6 @@ def test_a_drive_with_a_look_at_each_stop(rig: SimulatedRig, daemon: Daemon) -> 
             f"stop {stop}: {fix.status}, {last['mode']}, {outcome.error_m:.1f} m, {outcome.error_sigmas:.1f} sigma, "
             f"heading {heading_off_deg:+.2f} deg, altitude {last['altitude_m'] - truth['altitude_m']:+.1f} m"
         )
-        assert not outcome.wrong
         assert abs(heading_off_deg) < 1.0
         answers.append({**last, "error_m": outcome.error_m})
     assert status["counts"]["triggers started"] == status["counts"]["captures done"] == STOPS
