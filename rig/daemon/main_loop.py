@@ -105,9 +105,10 @@ class MainLoop:
     def run(self, beat: Callable[[], None], started: Callable[[], None]) -> Following:
         """Take captures as they are asked for. Raises what another loop ended with.
 
-        ``started`` is called when the DEM has been read and all devices have been tried, so that whoever waits for the daemon
-        may ask for a capture then; a device that keeps it waiting does so for ``TRYING_S`` at most. Raises
-        ``SearchFailedError`` before that where the DEM cannot be used.
+        ``started`` is called when the DEM has been read, all devices have been tried, and the kernels for pictures need not be
+        compiled in this process, which would keep 60 MB for that; so whoever waits for the daemon may ask for a capture then.
+        Devices and kernels keep it waiting for ``TRYING_S`` at most. Raises ``SearchFailedError`` before that where the DEM
+        cannot be used.
         """
         self._board.set_activity("connecting")
         connecting, tried_s = True, time.monotonic() + TRYING_S
@@ -116,7 +117,8 @@ class MainLoop:
             beat()
             if connecting and self._search.terrain.done():
                 self._search.terrain.result()
-                if all_tried(self._board) or time.monotonic() > tried_s:
+                nothing_missing = all_tried(self._board) and self._search.pictures.done()
+                if nothing_missing or time.monotonic() > tried_s:
                     connecting = False
                     self._board.set_activity("idle")
                     started()

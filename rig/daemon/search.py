@@ -38,9 +38,11 @@ class Search:
     ) -> None:
         """``worker`` has been started by ``start``, which is called again where it is lost.
 
-        ``terrain`` is done when it has read the DEM, with ``SearchFailedError`` where that cannot be used.
+        ``terrain`` is done when it has read the DEM, with ``SearchFailedError`` where that cannot be used; ``pictures`` when
+        the kernels that look at pictures are on the disk, or cannot be had.
         """
         self.terrain: Future[None] = Future()
+        self.pictures: Future[None] = Future()
         self._spool = spool
         self._board = board
         self._start = start
@@ -59,13 +61,23 @@ class Search:
                 raise _StoppedError
             beat()
 
+        assert self.worker
+        self.worker.beat = going_on
         try:
-            self._read_terrain(going_on)
+            self.worker.wait_terrain()
+            self.terrain.set_result(None)
         except _StoppedError:
             return
         except SearchFailedError as error:
             self.terrain.set_exception(error)
             return
+        try:
+            self.worker.wait_pictures()
+        except _StoppedError:
+            return
+        except SearchFailedError as error:
+            _log.error("search cannot go on", problem=str(error))
+        self.pictures.set_result(None)
         while not stop.is_set():
             try:
                 going_on()
@@ -78,12 +90,6 @@ class Search:
                 for _ in range(round(PAUSE_S / IDLE_S)):
                     if not stop.wait(IDLE_S):
                         beat()
-
-    def _read_terrain(self, beat: Callable[[], None]) -> None:
-        assert self.worker
-        self.worker.beat = beat
-        self.worker.wait_terrain()
-        self.terrain.set_result(None)
 
     def _step(self, beat: Callable[[], None]) -> None:
         worker = self._ready_worker(beat)

@@ -54,7 +54,7 @@ class Found:
 class SearchProcess:
     """One worker. ``beat`` is called while it is waited for; it may raise, to end the waiting and the worker.
 
-    Begins with ``wait_terrain``, then ``wait_ready``.
+    Begins with ``wait_terrain``, then ``wait_pictures``, then ``wait_ready``; each waits for those before it.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class SearchProcess:
         self.dem = tuple(dem)
         self._limits = memory_mb, time_s
         self.beat: Callable[[], None] = lambda: None
-        self._terrain = self._ready = False
+        self._terrain = self._pictures = self._ready = False
         self._rest = b""
         self._process = subprocess.Popen(
             command,
@@ -97,9 +97,16 @@ class SearchProcess:
             self._receive(STARTING_S, "could not read the DEM in time")
             self._terrain = True
 
-    def wait_ready(self) -> None:
-        """Wait until the kernels are loaded, too."""
+    def wait_pictures(self) -> None:
+        """Wait until the kernels that look at pictures are on the disk, for this program's other processes too."""
         self.wait_terrain()
+        if not self._pictures:
+            self._receive(STARTING_S, "was not ready for pictures")
+            self._pictures = True
+
+    def wait_ready(self) -> None:
+        """Wait until all kernels are loaded."""
+        self.wait_pictures()
         if not self._ready:
             self._receive(STARTING_S, "was not ready")
             self._ready = True

@@ -2,6 +2,7 @@
 
     -> {"dem": ["terrain.tif"]}                            once
     <- {"terrain": {"cells": 153036}} or {"error": "one line"}
+    <- {"pictures": true}                                   kernels for pictures are on the disk
     <- {"ready": true}
     -> {"bundle": "spool/bundles/...", "tracker": {...}, "leg": {...}}
     <- {"track": {...}, "tracker": {...}, ...} or {"error": "one line"}
@@ -27,7 +28,7 @@ from localizer.errors import SkyfixError
 from localizer.horizon.from_image import find_skyline
 from localizer.horizon.from_terrain import Terrain, prepare_terrain
 from localizer.jit import with_sound_kernels
-from localizer.locate import load_kernels, observe
+from localizer.locate import load_kernels, load_picture_kernels, observe
 from localizer.track.report import track_line
 from localizer.track.tracker import Tracker, follow
 from rig.atomic import write_atomically
@@ -56,6 +57,8 @@ def main() -> None:
         _send(out, {"error": str(error)})
         return
     _send(out, {"terrain": {"cells": int(terrain.height_m.size)}})
+    with_sound_kernels(load_picture_kernels)
+    _send(out, {"pictures": True})
     with_sound_kernels(lambda: load_kernels(terrain))
     _send(out, {"ready": True})
     while True:

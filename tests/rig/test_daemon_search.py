@@ -131,6 +131,19 @@ class TestLoop:
         with pytest.raises(SearchFailedError, match=r"bad\.tif: does not exist"):
             search.terrain.result(0.0)
 
+    def test_captures_do_not_wait_for_a_worker_that_ended_before_it_was_ready(self, spool: Spool) -> None:
+        stop = threading.Event()
+
+        def start() -> SearchProcess:
+            stop.set()
+            return SearchProcess([Path("any.tif")], 256, IN_TIME_S, FAKE)
+
+        search = Search(spool, Board(), start, SearchProcess([Path("fatal.tif")], 256, IN_TIME_S, FAKE))
+        search.run(lambda: None, stop)
+        search.terrain.result(0.0)
+        search.pictures.result(0.0)
+        search.close()
+
     def test_what_fails_twice_is_kept_and_does_not_hold_up_the_next(self, spool: Spool) -> None:
         board = self.located(spool, "crash", "z")
         assert board.snapshot().counts["searches failed"] == 2

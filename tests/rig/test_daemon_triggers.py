@@ -46,7 +46,7 @@ class TestNextConfiguration:
             take=lambda source, beat: taken.append(source),
             interrupted=lambda source: taken.append(f"{source} interrupted"),
         )
-        search = SimpleNamespace(terrain=terrain, wake=lambda: None)
+        search = SimpleNamespace(terrain=terrain, pictures=terrain, wake=lambda: None)
         parts: Any = (board, Notifier(None), triggers, captures, search, None, None, inbox)
         return MainLoop(config.run, EXAMPLE, *parts), triggers, inbox
 

@@ -42,6 +42,9 @@ def main() -> None:
         say({"error": "bad.tif: does not exist"})
         return
     say({"terrain": {"cells": 1}})
+    if dem == ["fatal.tif"]:
+        return
+    say({"pictures": True})
     say({"ready": True})
     hoard = []
     for line in sys.stdin:
