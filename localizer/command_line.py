@@ -20,6 +20,10 @@ def run(command: click.Command, program: str) -> NoReturn:
     """
     try:
         status = command.main(prog_name=program, standalone_mode=False)
+    except click.exceptions.NoArgsIsHelpError as error:  # its message is the whole help
+        where, group = error.ctx.command_path, error.ctx.command
+        names = group.list_commands(error.ctx) if isinstance(group, click.Group) else []
+        _fail(where, f"Name a command: {', '.join(names)}. See {where} --help.", 2)
     except click.UsageError as error:
         where = error.ctx.command_path if error.ctx else program
         _fail(where, f"{error.format_message()} See {where} --help.", 2)

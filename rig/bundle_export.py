@@ -6,20 +6,13 @@ from pathlib import Path
 import click
 
 from localizer.bundle import BundleError
-from localizer.completion import folders as complete_folders
 from rig.bundle_archive import unpack_archive, write_archive
 from rig.bundle_look import json_option, loaded
+from rig.cli_options import folders_argument
 
 
 @click.command()
-@click.argument(
-    "folders",
-    metavar="DIR...",
-    nargs=-1,
-    required=True,
-    type=click.Path(path_type=Path),
-    shell_complete=complete_folders,
-)
+@folders_argument
 @click.option(
     "--out",
     "path",

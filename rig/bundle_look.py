@@ -10,9 +10,9 @@ from typing import Any
 import click
 
 from localizer.bundle import Bundle, BundleError, load_bundle
-from localizer.completion import folders as complete_folders
 from rig.bundle_archive import ArchiveError, bundles_of_archive, is_archive
 from rig.bundle_facts import TABLE_COLUMNS, bundles_in, facts, table_rows
+from rig.cli_options import folders_argument
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 
@@ -33,14 +33,7 @@ def loaded(paths: tuple[Path, ...]) -> Iterator[tuple[Path, Bundle | BundleError
 
 
 @click.command("list")
-@click.argument(
-    "folders",
-    metavar="DIR...",
-    nargs=-1,
-    required=True,
-    type=click.Path(path_type=Path),
-    shell_complete=complete_folders,
-)
+@folders_argument
 @json_option
 @click.option(
     "--csv", "as_csv", is_flag=True, help="Print a row for each frame of the bundles that are whole."

@@ -16,13 +16,13 @@ from sim.drive_command import drive
 from sim.errors import SimulationError
 from sim.evaluate.command import evaluate
 from sim.failures import one_line_failures
+from sim.options import EMBEDDED_DEM, dem_option
 from sim.replay_command import replay
 from sim.rigs_command import rigs
 
 if TYPE_CHECKING:
     from sim.world import World
 
-EMBEDDED_DEM = Path(__file__).parent / "terrain" / "santa_cruz_srtm_1s.tif"
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -37,14 +37,6 @@ def main() -> NoReturn:
     command_line.run(sim, "sim")
 
 
-_dem_option = click.option(
-    "--dem",
-    "dem_paths",
-    type=click.Path(path_type=Path),
-    multiple=True,
-    metavar="FILE",
-    help="Elevation raster; repeat it for files that adjoin. Default: the terrain that comes with skyfix.",
-)
 _seed_option = click.option(
     "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Another seed, another world."
 )
@@ -61,7 +53,7 @@ def _world_options(function: Callable[P, T]) -> Callable[P, T]:
             help="TOML file with the sizes of the error sources and the devices that are fitted.",
         ),
         _seed_option,
-        _dem_option,
+        dem_option,
     ):
         function = option(function)
     return function
@@ -223,7 +215,7 @@ def demo(
 
 
 @sim.command()
-@_dem_option
+@dem_option
 @_seed_option
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 @one_line_failures

@@ -5,6 +5,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
+from sim.background import in_background
 from sim.devices.talkers import sentence
 from sim.world import World
 
@@ -15,12 +16,12 @@ SPEED_SIGMA_SHARE, COURSE_SIGMA_DEG = 0.02, 1.5
 @contextmanager
 def talking_odometer(world: World, address: str) -> Iterator[None]:
     """Talk to ``HOST:PORT`` while the context lasts. Its errors are drawn once: worn tyres, a gyro that sits askew."""
-    rng, stop = world.rng("odometer"), threading.Event()
+    rng = world.rng("odometer")
     scale = 1.0 + float(rng.normal(0.0, SPEED_SIGMA_SHARE))
     askew_deg = float(rng.normal(0.0, COURSE_SIGMA_DEG))
     host, port = address.rsplit(":", 1)
 
-    def talk() -> None:
+    def talk(stop: threading.Event) -> None:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
             while not stop.wait(1.0 / RATE_HZ):
                 vehicle = world.vehicle
@@ -29,13 +30,8 @@ def talking_odometer(world: World, address: str) -> Iterator[None]:
                         vtg(vehicle.course_deg + askew_deg, vehicle.speed_m_s * scale), (host, int(port))
                     )
 
-    thread = threading.Thread(target=talk, name="odometer", daemon=True)
-    thread.start()
-    try:
+    with in_background(talk, "odometer"):
         yield
-    finally:
-        stop.set()
-        thread.join()
 
 
 def vtg(course_deg: float, speed_m_s: float) -> bytes:

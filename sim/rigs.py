@@ -107,9 +107,13 @@ def calibrate_rigs(
     one = partial(calibrate_rig, list(dem_paths), scenario, keep=keep)
     results = []
     with ProcessPoolExecutor(jobs) as pool:
-        for done in as_completed([pool.submit(one, seed) for seed in seeds]):
-            hear(done.result())
-            results.append(done.result())
+        try:
+            for done in as_completed([pool.submit(one, seed) for seed in seeds]):
+                hear(done.result())
+                results.append(done.result())
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)  # what has not begun need not
+            raise
     return sorted(results, key=lambda result: result.seed)
 
 

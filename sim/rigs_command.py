@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 import click
 
 from sim.failures import one_line_failures
+from sim.options import EMBEDDED_DEM, dem_option
 
 if TYPE_CHECKING:
     from sim.rigs import RigResult
 
 HERE = Path(__file__).parent
-EMBEDDED_DEM = HERE / "terrain" / "santa_cruz_srtm_1s.tif"
 UNCALIBRATED = HERE.parent / "configs" / "scenarios" / "uncalibrated.toml"
 OUTSIDE = 5
 
@@ -35,14 +35,7 @@ OUTSIDE = 5
     metavar="FILE",
     help="Sizes of the errors; by default configs/scenarios/uncalibrated.toml.",
 )
-@click.option(
-    "--dem",
-    "dem_paths",
-    type=click.Path(path_type=Path),
-    multiple=True,
-    metavar="FILE",
-    help="Elevation raster; repeat it for files that adjoin. Default: the terrain that comes with skyfix.",
-)
+@dem_option
 @click.option(
     "--csv",
     "csv_path",

@@ -12,9 +12,11 @@ import socket
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
+from sim.background import in_background
 from sim.errors import SimulationError
 
 SOCKET_NAME = "steering.sock"
@@ -36,18 +38,12 @@ class Steerable(Protocol):
 @contextmanager
 def steered(rig: Steerable, path: Path) -> Iterator[None]:
     """Listen at ``path`` while the context lasts."""
-    stop = threading.Event()
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as listener:
         listener.bind(str(path))
         listener.listen()
         listener.settimeout(0.2)
-        thread = threading.Thread(target=_serve, args=(rig, listener, stop), name="steering", daemon=True)
-        thread.start()
-        try:
+        with in_background(partial(_serve, rig, listener), "steering"):
             yield
-        finally:
-            stop.set()
-            thread.join()
 
 
 def _serve(rig: Steerable, listener: socket.socket, stop: threading.Event) -> None:

@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 
 from localizer.bundle import load_bundle
 from localizer.fix import Fix
-from sim.cli import EMBEDDED_DEM
 from sim.command import find_command
 from sim.demo import judge
 from sim.launcher import SimulatedRig, simulated_rig
+from sim.options import EMBEDDED_DEM
 from sim.scenario import Scenario
 from sim.world import World
 

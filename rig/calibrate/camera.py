@@ -77,7 +77,7 @@ def views_from_files(board: Board, pattern: str, size_px: tuple[int, int]) -> li
     """The views in the pictures that a pattern names. ``CalibrationError`` where there are none, or of another size."""
     paths = sorted(glob.glob(pattern, recursive=True))  # noqa: PTH207 - a pattern may be absolute
     if not paths:
-        raise CalibrationError(f"--images {pattern}: names no file")
+        raise CalibrationError(f"--images {pattern}: names no file; check the folder, and quote the pattern")
     views = []
     for path in paths:
         image = cv2.imread(path, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sim.background import in_background
 from sim.devices.camera_stream import CameraStream
 from sim.devices.pty_port import PtyPort
 from sim.devices.servo import ENCODER_ERROR, OVERLOAD_ERROR, Servo
@@ -202,9 +203,8 @@ def playing(stage: Stage, faults: Sequence[Fault], say: Callable[[str], None]) -
         if fault.for_s is not None:
             timed.append((fault.at_s + fault.for_s, f"{fault.device} {fault.fault} is over", end))
     timed.sort(key=lambda step: step[0])
-    stop = threading.Event()
 
-    def play() -> None:
+    def play(stop: threading.Event) -> None:
         while not stage.servo_bus.spoken_to.wait(0.02):
             if stop.is_set():
                 return
@@ -215,10 +215,5 @@ def playing(stage: Stage, faults: Sequence[Fault], say: Callable[[str], None]) -
             step()
             say(f"{at_s:.2f} s: {what}")
 
-    thread = threading.Thread(target=play, name="fault script")
-    thread.start()
-    try:
+    with in_background(play, "fault script"):
         yield
-    finally:
-        stop.set()
-        thread.join()

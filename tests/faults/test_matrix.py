@@ -120,6 +120,16 @@ def test_the_matrix_is_complete() -> None:
     assert {case.name for case in CASES} >= QUICK
 
 
+def test_what_the_page_names_is_there() -> None:
+    root = Path(__file__).parents[2]
+    page = (root / "docs" / "faults.md").read_text(encoding="utf-8")
+    for named in re.findall(r"(?<![\w/])(?:tests|rig|sim)/[\w/]+(?:\.py)?", page):
+        assert (root / named).exists(), named
+    defined = "\n".join(file.read_text(encoding="utf-8") for file in (root / "tests").rglob("test_*.py"))
+    for test in re.findall(r"\btest_\w+(?!\w|\.py)", page):
+        assert f"def {test}(" in defined, test
+
+
 def begin_at(case: Case, quick: Quick, patch: pytest.MonkeyPatch) -> list[threading.Timer]:
     """Let the fault begin in the middle of a capture, and end after a moment or not at all."""
     fault = case.parsed()

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim.cli import EMBEDDED_DEM
 from sim.launcher import simulated_rig
 from sim.operator import Done, operate, turn_asked_deg
+from sim.options import EMBEDDED_DEM
 from sim.scenario import Scenario
 from sim.world import MOTOR_FIELD_DIRECTION, World
 

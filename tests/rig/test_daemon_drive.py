@@ -10,9 +10,9 @@ from fakes.daemon import LONG_PATIENCE_S, Daemon, add_keys, running_daemon
 from fakes.driving import drive_to, next_stop
 
 from localizer.fix import Fix
-from sim.cli import EMBEDDED_DEM
 from sim.demo import judge
 from sim.launcher import SimulatedRig, simulated_rig
+from sim.options import EMBEDDED_DEM
 from sim.scenario import Scenario
 from sim.world import World
 

@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 from fakes.daemon import LONG_PATIENCE_S, Daemon, add_keys, running_daemon
 
-from sim.cli import EMBEDDED_DEM
 from sim.launcher import SimulatedRig, simulated_rig
+from sim.options import EMBEDDED_DEM
 from sim.scenario import Scenario
 from sim.world import World
 

@@ -25,7 +25,7 @@ from rig.bundle_writer import FrameRecord, Measurement, write_bundle
 from rig.daemon.board import Answer
 from rig.daemon.spool import Spool
 from rig.readings import Instant
-from sim.cli import EMBEDDED_DEM
+from sim.options import EMBEDDED_DEM
 
 KILLS_OF_THE_SPOOL, KILLS_OF_THE_DAEMON = 200, 30
 QUOTA_MB = 10

@@ -11,7 +11,7 @@ from fakes.simulated import Quick, quick_rig, world
 
 from localizer.bundle import load_bundle
 from rig.daemon.control import ControlError, ask
-from sim.cli import EMBEDDED_DEM
+from sim.options import EMBEDDED_DEM
 
 ENDS_WITHIN_S = 10.0
 

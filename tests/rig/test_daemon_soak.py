@@ -14,9 +14,9 @@ import pytest
 from fakes.daemon import LONG_PATIENCE_S, Daemon, add_keys, running_daemon
 from fakes.simulated import quick_rig, world
 
-from sim.cli import EMBEDDED_DEM
 from sim.faults.catalogue import CATALOGUE, DEVICES
 from sim.faults.script import Fault, parse_faults
+from sim.options import EMBEDDED_DEM
 
 FAULT_EVERY_S = 12.0
 FIRST_CAPTURES = 10

@@ -275,3 +275,10 @@ def test_a_session_is_recorded(run: Run, running: RunningRig, tmp_path: Path) ->
     assert bytes.fromhex(lines[0]["sent"]) == running.servos.requests[0]
     assert any("received" in line for line in lines)
     assert "x.log: cannot be written" in one_line(run("record", "--config", config, log, "move", "--relax"))
+
+
+def test_a_group_alone_names_its_commands_in_one_line(run: Run) -> None:
+    status, out, err = run("calibrate")
+    assert (status, out) == (2, "")
+    assert err.count("\n") == 1
+    assert "Name a command: altimeter, board, boresight" in err

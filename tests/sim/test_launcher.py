@@ -13,8 +13,8 @@ import serial
 from numpy.typing import NDArray
 
 from rig.config import load_config
-from sim.cli import EMBEDDED_DEM
 from sim.launcher import simulated_rig
+from sim.options import EMBEDDED_DEM
 from sim.scenario import Altimeter, Compass, Inclinometer, Scenario, load_scenario
 from sim.world import World
 

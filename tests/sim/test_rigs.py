@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from sim.board import FRAMES_A_POSE, BoardPictures
-from sim.cli import EMBEDDED_DEM
 from sim.mechanics import Attitude, Mechanics, body_attitude, body_in_world, turned_about_axes
 from sim.operator import turn_asked_deg
+from sim.options import EMBEDDED_DEM
 from sim.rigs import LIMITS, RigResult, calibrate_rig, write_csv
 from sim.scenario import CameraOptics, load_scenario
 

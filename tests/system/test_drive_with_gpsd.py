@@ -12,8 +12,8 @@ from fakes.gpsd import ellipse, position, reports_of, time_of
 from pyproj import Geod
 
 from rig.config import load_config
-from sim.cli import EMBEDDED_DEM
 from sim.launcher import simulated_rig
+from sim.options import EMBEDDED_DEM
 from sim.scenario import Scenario
 from sim.world import World
 

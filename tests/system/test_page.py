@@ -22,8 +22,8 @@ from rig.daemon.config import HttpServer
 from rig.daemon.http import serving
 from rig.daemon.skylines import FILE_NAME, BundleSkylines, FrameSkylines
 from rig.daemon.spool import Spool
-from sim.cli import EMBEDDED_DEM
 from sim.launcher import simulated_rig
+from sim.options import EMBEDDED_DEM
 from sim.scenario import load_scenario
 from sim.world import World
 

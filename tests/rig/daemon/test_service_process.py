@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from fakes.manager import SOON_S, Manager
 
-from sim.cli import EMBEDDED_DEM
+from sim.options import EMBEDDED_DEM
 
 WATCHDOG_S = 1.5
 NO_DEVICES = f"""

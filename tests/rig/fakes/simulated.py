@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from rig.capture import capture
 from rig.config import load_config
 from rig.directions import parse_directions
-from sim.cli import EMBEDDED_DEM
 from sim.faults.script import Fault
 from sim.launcher import SimulatedRig, simulated_rig
+from sim.options import EMBEDDED_DEM
 from sim.scenario import Altimeter, CameraOptics, Compass, Inclinometer, Scenario, Servo
 from sim.world import World
 
