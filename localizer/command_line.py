@@ -26,7 +26,7 @@ def run(command: click.Command, program: str) -> NoReturn:
         _fail(where, f"Name a command: {', '.join(names)}. See {where} --help.", 2)
     except click.UsageError as error:
         where = error.ctx.command_path if error.ctx else program
-        _fail(where, f"{error.format_message()} See {where} --help.", 2)
+        _fail(where, f"{error.format_message().rstrip('.')}. See {where} --help.", 2)
     except click.ClickException as error:
         _fail(program, error.format_message(), 2)
     except SkyfixError as error:

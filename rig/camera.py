@@ -5,6 +5,7 @@ when a picture is wanted gets one from before the head turned. Here a thread tak
 those who wait are given only frames that cannot be older than the moment they name.
 """
 
+import atexit
 import http.client
 import math
 import os
@@ -144,9 +145,14 @@ class Camera:
         return self.frames_after(monotonic_s, 1)[0]
 
     def close(self) -> None:
-        """End the thread and give the camera back."""
+        """End the thread and give the camera back. A camera that hangs is waited for no longer than ``THREAD_END_S``."""
         self._stop.set()
         self._thread.join(THREAD_END_S)
+        if self._thread.is_alive():
+            # Python ends such threads where they stand, and OpenCV in one of them aborts the whole program.
+            atexit.register(
+                self._thread.join, self._section.open_timeout_s + self._section.read_timeout_s + THREAD_END_S
+            )
 
     def _wait(self, wanted: Callable[[TimedFrame], bool], wait_s: float, problem: str) -> TimedFrame:
         """The newest frame as soon as it is one that is wanted."""

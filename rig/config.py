@@ -116,7 +116,7 @@ class Servo(Section):
 
     def angle_deg(self, tick: int) -> float:
         """The joint angle at a position."""
-        return (tick - self.zero_tick) * 360.0 / 4096 * self.direction
+        return (tick - self.zero_tick) * self.direction * 360.0 / 4096
 
     @model_validator(mode="after")
     def _limits_are_a_range_that_the_servo_reaches(self) -> Self:

@@ -113,7 +113,7 @@ class _Axis:
         return self.parameters.zero_tick + round(self.parameters.direction * angle_deg / _TICK_DEG)
 
     def angle_deg(self, tick: int) -> float:
-        return (tick - self.parameters.zero_tick) * _TICK_DEG * self.parameters.direction
+        return (tick - self.parameters.zero_tick) * self.parameters.direction * _TICK_DEG
 
     def goal_tick(self, angle_deg: float) -> int:
         low, high = self.parameters.min_deg, self.parameters.max_deg

@@ -22,15 +22,19 @@ def record(context: click.Context, config_file: Path | None, log: Path, command:
 
     Example: rig record --config vehicle.toml field.log capture --out bundles
     """
+    root = context.find_root()
+    program, words = root.command, list(command)
+    assert isinstance(program, click.Group)
+    if words[0] == root.info_name:
+        words = words[1:]
+    if not words or program.get_command(root, words[0]) is None:
+        raise click.UsageError(f"{(words or command)[0]!r} is no command of rig to record.")
     path = config_path(config_file)
     config = load_config(path)
 
     from rig.record import recording
 
     os.environ[ENVIRONMENT_VARIABLE] = str(path)
-    program = context.find_root().command
     with recording(log, config):
-        status = program.main(
-            args=list(command), prog_name=context.find_root().info_name, standalone_mode=False
-        )
+        status = program.main(args=words, prog_name=root.info_name, standalone_mode=False)
     return status if isinstance(status, int) else 0

@@ -277,6 +277,16 @@ def test_a_session_is_recorded(run: Run, running: RunningRig, tmp_path: Path) ->
     assert "x.log: cannot be written" in one_line(run("record", "--config", config, log, "move", "--relax"))
 
 
+def test_a_command_to_record_is_looked_up_before_the_log_is_begun(
+    run: Run, running: RunningRig, tmp_path: Path
+) -> None:
+    config, log = written(running, tmp_path), tmp_path / "y.log"
+    assert "'mvoe' is no command of rig to record" in one_line(run("record", "--config", config, log, "mvoe"))
+    assert not log.exists()
+    status, _, _ = run("record", "--config", config, log, "rig", "move", "--relax")
+    assert status == 0
+
+
 def test_a_group_alone_names_its_commands_in_one_line(run: Run) -> None:
     status, out, err = run("calibrate")
     assert (status, out) == (2, "")
