@@ -33,6 +33,7 @@ LEAST_SIGMA_PX = 1e-3
 LEAST_SIGMA_DEG = 1e-6
 UNKNOWN_M = 1e5  # no altimeter
 GROUND_SIGMA_M = 0.001  # the mast is as high as it is said to be
+NEAR_CELLS = 2.0  # what stands nearer a DEM cannot tell, as long as it is not the very surface
 
 
 @dataclass(frozen=True)
@@ -40,10 +41,12 @@ class Bound:
     """Covariances (2, 2) of true east and north, metres squared; None where the contours do not determine the place.
 
     ``free_altitude_m2`` forgets that the camera stands on the DEM's ground: altitude comes from the altimeter alone.
+    ``far_horizon_m2`` leaves out the columns whose horizon is nearer than NEAR_CELLS.
     """
 
     covariance_m2: Array | None
     free_altitude_m2: Array | None
+    far_horizon_m2: Array | None
 
 
 def rms_m(covariance_m2: Array | None) -> float | None:
@@ -77,9 +80,12 @@ def cramer_rao_bound(
         noise += dem_error_covariance(scenario.dem_error, places) * np.outer(per_m, per_m)
     seen = np.vstack([jacobian[ok], altimeter, standing])
     prior = _prior_information(scenario, size)
+    near_m = NEAR_CELLS * float(np.mean(truth.surface.terrain.cell_size_m()))
+    far = np.append(np.hypot(*crests[ok].T) >= near_m, [True, True])
     return Bound(
         covariance_m2=position_covariance(seen, noise, prior),
         free_altitude_m2=position_covariance(seen[:-1], noise[:-1, :-1], prior),
+        far_horizon_m2=position_covariance(seen[far], noise[np.ix_(far, far)], prior),
     )
 
 

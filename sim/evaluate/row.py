@@ -33,6 +33,7 @@ class CaseRow(BaseModel):
     sigma_major_m: float | None
     crlb_rms_m: float | None
     crlb_free_altitude_rms_m: float | None
+    crlb_far_horizon_rms_m: float | None
     easting_m: float | None
     northing_m: float | None
     dem_error_m: float | None

@@ -34,8 +34,8 @@ def surface(santa_cruz) -> Surface:
     return Surface(read_terrain([santa_cruz]))
 
 
-def drawn(surface: Surface, what: EvaluationScenario) -> tuple[Truth, Disturbed, np.ndarray]:
-    rng = case_generators(3, 0)
+def drawn(surface: Surface, what: EvaluationScenario, case: int = 0) -> tuple[Truth, Disturbed, np.ndarray]:
+    rng = case_generators(3, case)
     truth = draw_truth(surface, what, rng)
     columns = np.arange(COLUMNS, dtype=float)
     return truth, disturb(truth, what, columns, true_contours(truth, what.camera, columns), rng), columns
@@ -106,6 +106,16 @@ def test_what_is_known_less_well_bounds_the_place_less(surface: Surface) -> None
     assert rms(errors={"azimuth_bias_sigma_deg": 1.0})[0] > 1.005 * least
     assert rms(errors={"contour_correlated_sigma_px": 0.5})[0] > 1.2 * least
     assert rms(dem_error={"rms_m": 5.0})[0] > 1.5 * least
+
+
+def test_a_horizon_close_by_counts_only_where_the_surface_is_known_exactly(surface: Surface) -> None:
+    worse = []
+    for case in range(6):
+        truth, clean, columns = drawn(surface, scenario(), case)
+        bound = cramer_rao_bound(truth, scenario(), columns, clean)
+        worse.append(rms_m(bound.far_horizon_m2) / rms_m(bound.covariance_m2))
+    assert min(worse) >= 1.0 - 1e-9
+    assert max(worse) > 1.2
 
 
 def test_an_error_that_camera_and_skyline_share_does_little_harm(surface: Surface) -> None:
