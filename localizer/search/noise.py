@@ -20,6 +20,8 @@ from localizer.search.stray import telling_columns, weights
 Floats = NDArray[np.float64]
 
 SMALLEST_DEM_ERROR_M = 0.1
+LEAST_ROUGH_SHARE = 0.15
+"""No DEM is better than this, in terms of what the ground does between its cells."""
 FIRST_LENGTH_CELLS = 8.0
 """How far a DEM's error is taken to reach along the ground until its likelihood tells: hardly, so that all columns count."""
 LEAST_CORRELATION = 0.05
@@ -75,9 +77,11 @@ def estimated_noise(
 
 
 def possible_models(problem: Problem, largest_dem_error_m: float) -> Range:
-    """No DEM is better than what the terrain does between its cells."""
+    """The error models among which the residuals decide."""
     terrain = problem.terrain
-    return Range(terrain.cell_m, 0.5 * BETWEEN_CELLS * terrain.mean_bend_m + 0.01, largest_dem_error_m)
+    return Range(
+        terrain.cell_m, LEAST_ROUGH_SHARE * BETWEEN_CELLS * terrain.mean_bend_m + 0.01, largest_dem_error_m
+    )
 
 
 def _dem_error(problem: Problem, here: Evaluation, telling: NDArray[np.bool_], largest: float) -> float:

@@ -24,7 +24,7 @@ def places_around(
     step_cells: float,
     keep: int,
 ) -> list[tuple[float, float, float, Noise]]:
-    """Row, column, altitude and noise of the ``keep`` likeliest places under each noise on a lattice around a fit.
+    """Row, column, altitude and noise of the ``keep`` likeliest places under each noise on a lattice around a fit, each once.
 
     Close to hills the horizon leaps from rise to rise as one moves, and each leap may stop a descent: so one looks about. At
     each place all but the place itself is fitted in one step. No two places under one noise are neighbours.
@@ -53,7 +53,7 @@ def places_around(
             there = evaluate(problem, moved, origin, frame, here.guess_m)
             for noise, costs in zip(noises, found, strict=True):
                 costs.append(_fitted_there(problem, moved, there, noise))
-    places = []
+    places: list[tuple[float, float, float, Noise]] = []
     for noise, costs in zip(noises, found, strict=True):
         kept: list[Floats] = []
         for _, place in sorted(costs, key=lambda entry: entry[0]):
@@ -62,7 +62,10 @@ def places_around(
                 kept.append(place)
             if len(kept) == keep:
                 break
-        places += [(*place_of(k, origin, frame), float(k[ALTITUDE]), noise) for k in kept]
+        for k in kept:
+            row, col = place_of(k, origin, frame)
+            if all(np.hypot(row - r, col - c) > 0.5 * step_cells for r, c, _, _ in places):
+                places.append((row, col, float(k[ALTITUDE]), noise))
     return places
 
 
@@ -77,7 +80,7 @@ def _fitted_there(problem: Problem, x: Floats, here: Evaluation, noise: Noise) -
         normal.cost
         + prior_cost(problem, x, here, noise.model)
         - 0.5 * float(normal.slope[ALTITUDE:] @ step)
-        + stray_loss(problem, telling, normalised, sigma)
+        + stray_loss(problem, here, sigma)
         + expected_scale(problem, x, here, noise.model)
     )
     fitted = x.copy()

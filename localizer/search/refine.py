@@ -24,19 +24,14 @@ from localizer.search.problem import (
     Problem,
 )
 from localizer.search.residuals import Evaluation, evaluate, place_of, residual_sigma, secants
-from localizer.search.stray import (
-    CHANCE_RAD,
-    evidence_over_chance,
-    geman_mcclure,
-    stray_loss,
-    telling_columns,
-    weights,
-)
+from localizer.search.stray import evidence_over_chance, stray_loss, surprise, telling_columns, weights
 
 Floats = NDArray[np.float64]
 
 SETTLE_AT = (2, 4, 6, 8, 10)
 """Iterations at which the noise is estimated anew."""
+SETTLE_AGAIN_AT = (2, 4)
+"""The same for a fit that starts from another one's noise."""
 LIKELY_FROM = 8
 """From this iteration on by its likelihood. Before, an error that reaches far would explain a place that is some way off."""
 LEAST_DAMPING, MOST_DAMPING = 1e-6, 50.0
@@ -93,22 +88,26 @@ def refine(
     largest_dem_error_m: float,
     settle: bool,
     likely_from: int = LIKELY_FROM,
+    strict: float = 1.0,
 ) -> Refined:
     """Fit from a cell to the sub-cell optimum near it.
 
     ``noise`` is what the residuals are taken for to begin with. With ``settle`` it is estimated from them as the fit proceeds,
     the DEM's error up to ``largest_dem_error_m``, from iteration ``likely_from`` on by its likelihood; else it is held.
+    ``strict``: factor on the DEM's error that tells stray columns.
     """
     x = np.zeros(problem.size)
     x[ALTITUDE], x[AZIMUTH_BIAS] = altitude_m, azimuth_bias_deg
     origin = (row, col)
     frame = problem.terrain.frames.at(np.array([row]), np.array([col]))[0]
     damping = LEAST_DAMPING
+    settle_at = SETTLE_AT if likely_from else SETTLE_AGAIN_AT
+    thorough = iterations > LIKELY_FROM
     here = evaluate(problem, x, origin, frame)
     for iteration in range(iterations):
-        if settle and iteration in SETTLE_AT:
+        if settle and iteration in settle_at:
             noise = estimated_noise(problem, x, here, noise, largest_dem_error_m, iteration >= likely_from)
-        sigma = residual_sigma(problem, here, noise.spread_m)
+        sigma = residual_sigma(problem, here, strict * noise.spread_m)
         weight = weights(telling_columns(here, sigma), here.residual / sigma)
         forgiving = iteration >= likely_from or not settle
         gain = 0.0
@@ -135,17 +134,18 @@ def refine(
                 if gain > 0.0:
                     break
                 damping *= 8.0
-            if gain > ENOUGH_GAIN or iterations <= LIKELY_FROM or iteration < SETTLE_AT[-1]:
+            if gain > ENOUGH_GAIN or not thorough or (settle and iteration < settle_at[-1]):
                 break
         if gain > 0.0:
             x, here = trial, there
         damping = max(damping * 0.1, LEAST_DAMPING) if damping < MOST_DAMPING else LEAST_DAMPING
-        if gain < ENOUGH_GAIN and not (settle and iterations > LIKELY_FROM and iteration < SETTLE_AT[-1]):
+        if gain < ENOUGH_GAIN and not (settle and thorough and iteration < settle_at[-1]):
             break
-    finish = iterations > LIKELY_FROM
     if settle:
-        noise = estimated_noise(problem, x, here, noise, largest_dem_error_m, finish)
-    return _result(problem, x, here, noise, origin, frame, largest_dem_error_m if settle and finish else None)
+        noise = estimated_noise(problem, x, here, noise, largest_dem_error_m, thorough)
+    return _result(
+        problem, x, here, noise, origin, frame, largest_dem_error_m if settle and thorough else None
+    )
 
 
 def _result(
@@ -171,10 +171,10 @@ def _result(
     fit_cost = (
         whitened_cost(columns, noise.model)
         + prior_cost(problem, x, here, noise.model)
-        + stray_loss(problem, telling, normalised, sigma)
+        + stray_loss(problem, here, sigma)
         + expected_scale(problem, x, here, noise.model)
     )
-    surprise = np.where(telling, geman_mcclure(normalised) + np.log(sigma), np.log(CHANCE_RAD))
+    surprises = surprise(here, sigma) + np.log(sigma)
     row, col = place_of(x, origin, frame)
     inside = telling & (np.abs(normalised) < 3.0)
     residual_px = {}
@@ -193,7 +193,7 @@ def _result(
         tilt_bias_deg=float(x[TILT_BIAS]),
         frame_errors_deg=x[FIRST_FRAME:].reshape(-1, PER_FRAME),
         covariance_enu_m2=covariance[:2, :2] + np.eye(2) * _shift_sigma_m(problem, noise.model) ** 2,
-        cost=float(surprise.sum() / noise.correlation_columns + 0.5 * (misfit**2).sum()),
+        cost=float(surprises.sum() / noise.correlation_columns + 0.5 * (misfit**2).sum()),
         fit_cost=fit_cost,
         log_volume=0.5 * float(np.linalg.slogdet(covariance)[1]),
         dem_error_m=noise.spread_m,
@@ -201,8 +201,8 @@ def _result(
         inlier_share=float(inside.sum() / max(telling.sum(), 1)),
         prior_chi2=float((misfit**2).sum()),
         residual_px=residual_px,
-        misfit_per_column=float(surprise.mean()),
-        evidence=evidence_over_chance(problem, here, telling, sigma),
+        misfit_per_column=float(surprises.mean()),
+        evidence=evidence_over_chance(problem, here, sigma),
         error_model=noise.model,
     )
 

@@ -42,7 +42,9 @@ class Evaluation:
     distance: Floats
     """Of the horizon beyond NEAR_CELLS, which is what the residual is of."""
     near: NDArray[np.bool_]
-    """Whether the DEM has something nearer that is higher."""
+    """Whether the DEM has something nearer that is higher, ..."""
+    above: Floats
+    """... and by how much, radians."""
     guess_m: Floats
     """Where the horizon is, near or far."""
     slope: Floats
@@ -72,9 +74,12 @@ def evaluate(
     tangent, distance = horizon_around(terrain, row, col, eye, azimuth, guess_m)
     guess_m = distance.copy()
     near = distance < beyond_m
+    highest = np.arctan(tangent[near])
     tangent[near], distance[near] = horizon_around(terrain, row, col, eye, azimuth[near], beyond_m=beyond_m)
     tangent_beside, _ = horizon_around(terrain, row, col, eye, azimuth + SLOPE_STEP_RAD, distance, beyond_m)
     seen, beside = np.arctan(tangent), np.arctan(tangent_beside)
+    above = np.zeros(n)
+    above[near] = highest - seen[near]
     d = np.where(np.isfinite(distance), distance, 1.0)
     slope = (beside - seen) / SLOPE_STEP_RAD
     residual = elevation - seen
@@ -98,7 +103,7 @@ def evaluate(
     share = np.sqrt(1.0 + terrain.roughness_at(row_h, col_h) ** 2)
     bend_m = terrain.mean_bend_m * float(terrain.roughness_at(np.array([row]), np.array([col]))[0])
     own = float(np.hypot(BETWEEN_CELLS * bend_m, 0.1))
-    return Evaluation(residual, jacobian, d, near, guess_m, slope, share, ground, gradient, own)
+    return Evaluation(residual, jacobian, d, near, above, guess_m, slope, share, ground, gradient, own)
 
 
 def secants(

@@ -11,6 +11,8 @@ Floats = NDArray[np.float64]
 
 CHANCE_RAD = np.radians(3.0)
 """By how much skylines of unrelated places differ."""
+APART_SIGMAS = 3.0
+"""What is seen in a column tells two heights apart that differ by as many of its standard deviations."""
 STRAY_RAD = np.radians(15.0)
 """How much of the horizon a cloud or a tree hides."""
 STRAY_SHARE = 0.1
@@ -18,9 +20,30 @@ STRAY_SHARE = 0.1
 
 
 def telling_columns(here: Evaluation, sigma: Floats) -> NDArray[np.bool_]:
-    """Columns (n,) that show what the DEM knows: all but those where what stands near probably hides it."""
+    """Columns (n,) that show what the DEM knows: neither hidden nor undecided."""
+    return np.asarray(~_hidden(here, sigma) & ~_undecided(here, sigma))
+
+
+def surprise(here: Evaluation, sigma: Floats) -> Floats:
+    """What columns (n,) cost (in logarithms) beyond one that fits exactly: by their residuals, or for being hidden."""
+    hidden = _hidden(here, sigma)
+    return np.asarray(np.where(hidden, np.log(CHANCE_RAD / sigma), geman_mcclure(here.residual / sigma)))
+
+
+def _hidden(here: Evaluation, sigma: Floats) -> NDArray[np.bool_]:
+    """Where what stands near probably hides the horizon: what is seen is higher, by more than chance."""
     hides = here.near & (here.residual > 0.0)
-    return np.asarray(~hides | (geman_mcclure(here.residual / sigma) < np.log(CHANCE_RAD / sigma)))
+    return np.asarray(hides & (geman_mcclure(here.residual / sigma) >= np.log(CHANCE_RAD / sigma)))
+
+
+def _undecided(here: Evaluation, sigma: Floats) -> NDArray[np.bool_]:
+    """Where what stands near rises so little above the horizon that the noise leaves open which of them is seen.
+
+    To take whatever is not much too high for the horizon would be to take the low half of the noise, and shift the place.
+    """
+    return np.asarray(
+        here.near & (here.above < APART_SIGMAS * sigma) & (here.residual > -APART_SIGMAS * sigma)
+    )
 
 
 def weights(telling: NDArray[np.bool_], normalised: Floats) -> Floats:
@@ -34,25 +57,24 @@ def geman_mcclure(normalised: Floats) -> Floats:
     return np.asarray(0.5 * squared / (1.0 + squared / SATURATION**2))
 
 
-def stray_loss(problem: Problem, telling: NDArray[np.bool_], normalised: Floats, sigma: Floats) -> float:
-    """What stray and hidden columns cost beyond what their weights leave of them in the sum of squares.
+def stray_loss(problem: Problem, here: Evaluation, sigma: Floats) -> float:
+    """What stray, hidden and undecided columns cost beyond what their weights leave of them in the sum of squares.
 
     They come in stretches of about STRAY_RAD, each of which is one accident.
     """
-    weighted = 0.5 * normalised**2 * weights(telling, normalised)
-    lost = np.where(telling, geman_mcclure(normalised) - weighted, np.log(CHANCE_RAD / sigma))
+    normalised = here.residual / sigma
+    weighted = 0.5 * normalised**2 * weights(telling_columns(here, sigma), normalised)
+    lost = surprise(here, sigma) - weighted
     return float(lost.sum() / (problem.block_columns * STRAY_RAD / BLOCK_RAD))
 
 
-def evidence_over_chance(
-    problem: Problem, here: Evaluation, telling: NDArray[np.bool_], sigma: Floats
-) -> float:
+def evidence_over_chance(problem: Problem, here: Evaluation, sigma: Floats) -> float:
     """Logarithm of how much likelier the contours are from this place than from an unrelated one.
 
     From an unrelated place a skyline is off by CHANCE_RAD, and by about the same over a BLOCK_RAD of the horizon: each block is
     one witness. It may be a stray one, no matter where the camera stands; then it speaks neither for the place nor against it.
     """
-    normalised = here.residual / sigma
+    normalised, telling = here.residual / sigma, telling_columns(here, sigma)
     total = 0.0
     for block in problem.blocks:
         known = block[telling[block]]

@@ -1,0 +1,185 @@
+"""The best place around a fit: looking about for rival peaks, and what these leave of the certainty.
+
+Close to hills, and where a stretch of the contours is wrong, the likelihood has many peaks a few metres apart, and a descent
+ends at any of them.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from localizer.horizon.from_terrain import Terrain
+from localizer.search.error_model import ErrorModel
+from localizer.search.noise import FIRST_LENGTH_CELLS, Noise
+from localizer.search.places_around import places_around
+from localizer.search.problem import Problem
+from localizer.search.refine import LIKELY_FROM, Refined, refine
+
+Floats = NDArray[np.float64]
+
+LOOK_ABOUT_CELLS = (2.4, 0.4)
+"""How far around a fit other places are tried for a better one, and how far apart these are."""
+LOOK_ABOUT_STARTS = 3
+LOOK_ABOUT_ERRORS = (0.2, 1.5)
+"""What is taken for a DEM's error in that, in terms of what is usual."""
+LOOK_CLOSER_CELLS = (0.6, 0.15)
+"""The same around the best of the places found, where these are not one and the same."""
+FINALISTS = 4
+ONE_PLACE_CELLS = 0.05
+CLEAN_INLIERS = 0.98
+"""Share of columns that fit, from which there is no stretch that could bend the fit."""
+STRICT_SHARE, STRICT_FINALISTS = 0.3, 2
+"""Factor on the DEM's error that tells stray columns in a last attempt: a stretch that bent the fit may let go of it."""
+BLUNTING_PER_M = 10.0
+"""By how much the log-likelihood of peaks close to each other is divided for each metre of the DEM's error: the error model is
+only about right, and what a horizon does where one ridge hides another depends on details that it does not have."""
+
+
+@dataclass(frozen=True)
+class Problems:
+    """One standpoint with few columns for many attempts, and with more for fewer of them."""
+
+    coarse: Problem
+    middle: Problem
+    fine: Problem
+    full: Problem
+
+
+def best_nearby(problems: Problems, start: Refined, largest: float) -> Refined:
+    """The best place around a coarse fit, with all columns, its noise estimated there.
+
+    A fit beside the best place may have taken its misfit for the DEM's error, and a larger error leaves it no reason to move.
+    So the search about it takes several sizes for granted, each of the places found has its own noise estimated, and the
+    likeliest under its own counts.
+    """
+    found = again(problems.middle, start, largest, settle=True)
+    usual = problems.full.terrain.usual_error_m
+    length_m = FIRST_LENGTH_CELLS * problems.full.terrain.cell_m
+    correlation = found.correlation_columns
+    noises = [Noise(found.dem_error_m, correlation, found.error_model)] + [
+        Noise(share * usual, correlation, ErrorModel(0.1 * share * usual, share * usual, length_m))
+        for share in LOOK_ABOUT_ERRORS
+    ]
+    fits = _looked_about(problems, found, noises, largest, settle=True)
+    starts = distinct([found, *sorted(fits, key=lambda r: r.fit_cost)], LOOK_ABOUT_CELLS[1])[:FINALISTS]
+    finals = [_settled(problems.fine, start, largest) for start in starts]
+    strictly: list[Refined] = []
+    best = min(finals, key=lambda r: r.fit_cost)
+    if best.inlier_share < CLEAN_INLIERS or len(distinct(finals, ONE_PLACE_CELLS)) > 1:
+        finals += _looked_closer(problems, best, largest)
+        promising = sorted(finals, key=lambda r: r.fit_cost)[:STRICT_FINALISTS]
+        strictly = [_settled(problems.fine, final, largest, strict=STRICT_SHARE) for final in promising]
+    finals = sorted([*finals, *strictly], key=lambda r: r.fit_cost)
+    strict = STRICT_SHARE if any(finals[0] is fit for fit in strictly) else 1.0
+    best = _settled(problems.full, finals[0], largest, strict=strict)
+    return _weighed(best, finals, fits, problems.full.terrain)
+
+
+def likeliest_nearby(problems: Problems, found: Refined, noise: Noise, largest: float) -> Refined:
+    """The best fit with held noise that starts from one of the likeliest places around another."""
+    around = _looked_about(problems, found, [noise], largest, settle=False)
+    return min(around or [found], key=lambda r: r.fit_cost)
+
+
+def again(
+    problem: Problem,
+    start: Refined,
+    largest: float,
+    *,
+    settle: bool = False,
+    held: Noise | None = None,
+    iterations: int = 24,
+    likely_from: int = LIKELY_FROM,
+    strict: float = 1.0,
+) -> Refined:
+    """Refine once more from where a coarser refinement ended; ``held``: the noise not to estimate anew."""
+    return refine(
+        problem,
+        start.row,
+        start.col,
+        start.altitude_m,
+        start.azimuth_bias_deg,
+        iterations=iterations,
+        noise=held or Noise(start.dem_error_m, start.correlation_columns, start.error_model),
+        largest_dem_error_m=largest,
+        settle=settle,
+        likely_from=likely_from,
+        strict=strict,
+    )
+
+
+def distinct(candidates: list[Refined], radius_cells: float) -> list[Refined]:
+    """The first of each group of candidates that lie within ``radius_cells`` of each other."""
+    kept: list[Refined] = []
+    for c in candidates:
+        if all(np.hypot(c.row - k.row, c.col - k.col) > radius_cells for k in kept):
+            kept.append(c)
+    return kept
+
+
+def _looked_about(
+    problems: Problems, found: Refined, noises: Sequence[Noise], largest: float, *, settle: bool
+) -> list[Refined]:
+    """Fits from the likeliest places around another under each noise, which is held unless they ``settle`` their own."""
+    return [
+        refine(
+            problems.middle,
+            row,
+            col,
+            altitude_m,
+            found.azimuth_bias_deg,
+            iterations=8,
+            noise=noise,
+            largest_dem_error_m=largest,
+            settle=settle,
+            likely_from=0,
+        )
+        for row, col, altitude_m, noise in places_around(
+            problems.coarse, found, noises, *LOOK_ABOUT_CELLS, LOOK_ABOUT_STARTS
+        )
+    ]
+
+
+def _looked_closer(problems: Problems, best: Refined, largest: float) -> list[Refined]:
+    """Fits from the likeliest places close around the best one so far."""
+    ratio = len(problems.middle.sigma_rad) / len(problems.fine.sigma_rad)
+    noise = Noise(best.dem_error_m, max(1.0, best.correlation_columns * ratio), best.error_model)
+    places = places_around(problems.middle, best, [noise], *LOOK_CLOSER_CELLS, LOOK_ABOUT_STARTS)
+    return [
+        _settled(problems.fine, replace(best, row=row, col=col, altitude_m=altitude_m), largest)
+        for row, col, altitude_m, _ in places
+    ]
+
+
+def _settled(problem: Problem, start: Refined, largest: float, strict: float = 1.0) -> Refined:
+    """A fit that starts from another one's noise and settles its own."""
+    return again(problem, start, largest, settle=True, likely_from=0, strict=strict)
+
+
+def _weighed(best: Refined, finals: list[Refined], others: list[Refined], terrain: Terrain) -> Refined:
+    """The best fit, moved to the mean of all finals by their likelihoods, its covariance widened by how far the fits lie apart.
+
+    ``best`` has all columns, ``finals``, the best of them first, fewer; ``others``, of fewer still, only widen it.
+    """
+    dem, blunting = terrain.dem, 1.0 + BLUNTING_PER_M * best.error_model.smooth_m
+
+    def likelihood(fits: list[Refined]) -> Floats:
+        cost = np.array([r.fit_cost for r in fits])
+        return np.asarray(np.exp((cost.min() - cost) / blunting)) if fits else cost
+
+    weight = likelihood(finals)
+    place = np.array([[r.row, r.col] for r in finals])
+    mean = weight @ place / weight.sum()
+    share = np.concatenate([weight, likelihood(others)])
+    share /= share.sum()
+    off = np.vstack([place, *([[r.row, r.col]] for r in others)]) - mean
+    off_m = off[:, ::-1] * np.array([dem.spacing_ew_m, -dem.spacing_ns_m])
+    row, col = np.array([best.row, best.col]) + mean - place[0]
+    return replace(
+        best,
+        row=float(row),
+        col=float(col),
+        covariance_enu_m2=best.covariance_enu_m2 + (share[:, None] * off_m).T @ off_m,
+    )
