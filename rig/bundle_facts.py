@@ -1,6 +1,7 @@
 """What a bundle holds, in a few JSON values: for lists, records of series, and tables."""
 
 import os
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -127,3 +128,13 @@ def _extra(part: Bundle | Frame, name: str) -> Mapping[str, Any]:
     """What the contract leaves to the writer; other writers may leave it out."""
     value = (part.model_extra or {}).get(name)
     return value if isinstance(value, Mapping) else {}
+
+
+def how_often(count: int) -> str:
+    """In words."""
+    return "once" if count == 1 else f"{count} times"
+
+
+def to_the_second(time: str) -> str:
+    """A time in ISO 8601 without its fraction of a second, for people."""
+    return re.sub(r"\.\d+", "", time)

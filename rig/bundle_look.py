@@ -11,7 +11,7 @@ import click
 
 from localizer.bundle import Bundle, BundleError, load_bundle
 from rig.bundle_archive import ArchiveError, bundles_of_archive, is_archive
-from rig.bundle_facts import TABLE_COLUMNS, bundles_in, facts, table_rows
+from rig.bundle_facts import TABLE_COLUMNS, bundles_in, facts, how_often, table_rows, to_the_second
 from rig.cli_options import folders_argument
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
@@ -82,7 +82,8 @@ def _row(found: dict[str, Any]) -> str:
     parts += [f"heading {known['heading_deg']:.1f}"] if "heading_deg" in known else []
     parts += [f"{found['series']['number']} of {found['series']['id']}"] if found["series"] else []
     parts += [f"recalibrated from {found['recalibrated_from']}"] if found["recalibrated_from"] else []
-    faults = f", {len(found['faults'])} kinds of faults overcome" if found["faults"] else ""
+    kinds = len(found["faults"])
+    faults = f", {kinds} kind{'s' if kinds > 1 else ''} of faults overcome" if kinds else ""
     return f"{start}  {'  '.join(parts)}{faults}"
 
 
@@ -141,12 +142,12 @@ def _shown(found: dict[str, Any]) -> str:
                 "/".join(f"{value:g}" for value in frame[key])
                 for key in ("servo_volts", "servo_temperatures_c")
             )
-            lines.append(f"     at {frame['time']}, servos {volts} V, {temps} °C")
+            lines.append(f"     at {to_the_second(frame['time'])}, servos {volts} V, {temps} °C")
     lines += [f"  calibration: {kind} {name}" for kind, name in found["calibrations"].items()]
     if found["recalibrated_from"]:
         lines.append(f"  recalibrated from {found['recalibrated_from']}")
     lines += [
-        f"  overcome: {fault['device']}: {fault['problem']}; {fault['action']} ({fault['count']} times)"
+        f"  overcome: {fault['device']}: {fault['problem']}; {fault['action']} ({how_often(fault['count'])})"
         for fault in found["faults"]
     ]
     return "\n".join(lines)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from localizer.bundle import Bundle, Frame, frame_image
 from localizer.horizon.from_image import CONFIDENT, ColumnState, Skyline, find_skyline
 from rig.atomic import write_atomically
-from rig.bundle_facts import facts
+from rig.bundle_facts import facts, how_often
 from rig.errors import RigError
 
 Image = NDArray[np.uint8]
@@ -99,7 +99,7 @@ def _header(bundle: Bundle, title: str, width: int) -> Image:
     first = f"{title}  {bundle.id}  {found['rig'] or ''}"
     header = _lines([first, f"{altitude}   {'  '.join(stands)}", biases], width, INK_BGR)
     faults = [
-        f"overcome {fault['count']} times: {str(fault['device']).split(' on ')[0]}: {fault['problem']}"
+        f"overcome {how_often(fault['count'])}: {str(fault['device']).split(' on ')[0]}: {fault['problem']}"
         for fault in found["faults"][:FAULTS_SHOWN]
     ]
     more = len(found["faults"]) - len(faults)
