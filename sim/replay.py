@@ -116,6 +116,10 @@ def load_log(path: Path) -> tuple[dict[str, Any], list[Exchange]]:
         raise SimulationError(f"log {path}: {error.strerror or error}; name a readable file") from error
     except (ValueError, AttributeError) as error:
         raise SimulationError(f"log {path}: is no log of rig record: {error}") from error
+    if not exchanges:
+        raise SimulationError(
+            f"log {path}: holds nothing that a device was asked or said; record a command that got as far as the devices"
+        )
     return header["config"], exchanges
 
 

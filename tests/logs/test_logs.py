@@ -95,3 +95,9 @@ def test_what_is_no_log_is_named(tmp_path: Path, text: str) -> None:
     (tmp_path / "x.log").write_text(text)
     with pytest.raises(SimulationError, match=r"x\.log: is no log of rig record"):
         load_log(tmp_path / "x.log")
+
+
+def test_a_log_of_nothing_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "x.log").write_text('{"skyfix_log": 1, "config": {}}\n')
+    with pytest.raises(SimulationError, match=r"x\.log: holds nothing"):
+        load_log(tmp_path / "x.log")
