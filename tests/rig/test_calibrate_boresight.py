@@ -7,11 +7,11 @@ import pytest
 
 from localizer.camera import camera_to_world
 from rig.attitude import BaseLevel
-from rig.calibrate.boresight import turned_meanwhile_deg
 from rig.calibrate.boresight_fit import fit_boresight
 from rig.calibrate.horizon_profile import STEP_DEG, HorizonProfile
 from rig.calibrate.place import PlaceSigmas
 from rig.calibrate.skyline_frame import SkylineFrame
+from rig.calibrate.skyline_look import turned_meanwhile_deg
 from rig.calibration import CalibrationError
 from rig.heading import TrueHeading
 from rig.kinematics import Attitude, body_rotation
