@@ -30,7 +30,8 @@ _log = structlog.get_logger(__name__)
 POLL_S = 0.25
 CLOCK_STEP_S = 1.0
 ODOMETER_EVERY_S = 5.0
-TRYING_S = 30.0
+TRYING_S, COMPILING_S = 30.0, 120.0
+"""So long the start waits at most for a device to be tried, and for kernels that have to be compiled."""
 
 Wanted = TriggerSource | Literal["reload"] | BaseException
 """A capture to take, a configuration to read, an error to end with."""
@@ -107,18 +108,19 @@ class MainLoop:
 
         ``started`` is called when the DEM has been read, all devices have been tried, and the kernels for pictures need not be
         compiled in this process, which would keep 60 MB for that; so whoever waits for the daemon may ask for a capture then.
-        Devices and kernels keep it waiting for ``TRYING_S`` at most. Raises ``SearchFailedError`` before that where the DEM
-        cannot be used.
+        Devices keep it waiting for ``TRYING_S``, kernels for ``COMPILING_S`` at most. Raises ``SearchFailedError`` before that
+        where the DEM cannot be used.
         """
         self._board.set_activity("connecting")
-        connecting, tried_s = True, time.monotonic() + TRYING_S
+        connecting, begun_s = True, time.monotonic()
         due_s = time.monotonic() if self._run.every_s else None
         while True:
             beat()
             if connecting and self._search.terrain.done():
                 self._search.terrain.result()
-                nothing_missing = all_tried(self._board) and self._search.pictures.done()
-                if nothing_missing or time.monotonic() > tried_s:
+                waited_s = time.monotonic() - begun_s
+                tried = all_tried(self._board) or waited_s > TRYING_S
+                if tried and (self._search.pictures.done() or waited_s > COMPILING_S):
                     connecting = False
                     self._board.set_activity("idle")
                     started()
