@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from functools import partial
 from types import TracebackType
 from typing import Any, Self
+from weakref import WeakKeyDictionary
 
 # FFmpeg prints its own account of a failure; the one line that the operator reads is ours. Read at first use.
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
@@ -39,6 +40,16 @@ WAITED_S = 0.004
 V4L2_AUTOMATIC, V4L2_MANUAL = 3, 1
 THREAD_END_S = 2.0
 REOPEN_PAUSE_S = 0.2
+
+_hanging: WeakKeyDictionary[threading.Thread, float] = WeakKeyDictionary()
+"""Threads that outlived their camera, and until when (monotonic) OpenCV may keep them by its own timeouts."""
+
+
+@atexit.register
+def _let_hanging_threads_end() -> None:
+    """Python ends threads where they stand when a program ends, and OpenCV in one of them then aborts the whole program."""
+    for thread, until_s in list(_hanging.items()):
+        thread.join(max(0.0, until_s - time.monotonic()))
 
 
 @dataclass(frozen=True)
@@ -149,10 +160,8 @@ class Camera:
         self._stop.set()
         self._thread.join(THREAD_END_S)
         if self._thread.is_alive():
-            # Python ends such threads where they stand, and OpenCV in one of them aborts the whole program.
-            atexit.register(
-                self._thread.join, self._section.open_timeout_s + self._section.read_timeout_s + THREAD_END_S
-            )
+            patience_s = self._section.open_timeout_s + self._section.read_timeout_s + THREAD_END_S
+            _hanging[self._thread] = time.monotonic() + patience_s
 
     def _wait(self, wanted: Callable[[TimedFrame], bool], wait_s: float, problem: str) -> TimedFrame:
         """The newest frame as soon as it is one that is wanted."""

@@ -26,6 +26,7 @@ FITTINGS: tuple[dict[str, str], ...] = (
 )
 FAULTS = 3
 LONGEST_S = 60.0
+TELL_EVERY = 25
 LEAKS_OF_LIBRARIES = 3
 
 
@@ -96,6 +97,8 @@ def test_soak(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytes
             descriptors = open_descriptors()
         if number > len(FITTINGS):
             assert open_descriptors() <= descriptors + LEAKS_OF_LIBRARIES, where
+        if (number + 1) % TELL_EVERY == 0:
+            print(f"soak: {number + 1} captures, {dict(ends)}, longest {longest_s:.1f} s", flush=True)
     print(f"\nsoak: {dict(ends)}, longest {longest_s:.1f} s, {os.times().user:.0f} s of CPU")
 
 
