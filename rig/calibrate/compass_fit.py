@@ -21,7 +21,7 @@ from rig.calibrate.compass_model import (
     VehicleStop,
     in_base,
 )
-from rig.calibrate.earth_field import MeasuredField, check_field
+from rig.calibrate.earth_field import DIP_TELLS_DEG, MeasuredField, check_field
 from rig.calibrate.solve import solve
 from rig.calibration import CalibrationError
 from rig.kinematics import Attitude, body_rotation
@@ -140,16 +140,24 @@ def _fit(
 
 
 def _measured_field(fitted: _Fitted, earth: EarthField, vertical_iron_ut: float) -> MeasuredField:
+    """The field as the turns have it. Where they do not tell the dip, the horizontal part is what goes with the model's dip.
+
+    On a slope a part of the vertical field is measured with the horizontal one.
+    """
     model = CompassModel(fitted.unknowns, earth)
     horizontal_ut, down_ut = model.horizontal_ut, model.down_ut
-    covariance = fitted.covariance[EARTH, EARTH]
-    slope = np.array([-down_ut, horizontal_ut]) / (horizontal_ut**2 + down_ut**2)
+    (horizontal_2, both), (_, down_2) = fitted.covariance[EARTH, EARTH]
+    strength_2 = horizontal_ut**2 + down_ut**2
+    dip_variance = (
+        down_ut**2 * horizontal_2 - 2.0 * horizontal_ut * down_ut * both + horizontal_ut**2 * down_2
+    )
+    dip_sigma_deg = float(np.degrees(np.sqrt(dip_variance) / strength_2))
+    dip_deg = float(np.degrees(np.arctan2(down_ut, horizontal_ut)))
+    if dip_sigma_deg > DIP_TELLS_DEG:
+        horizontal_ut -= both / down_2 * (down_ut - earth.down_ut)
+        horizontal_2 -= both**2 / down_2
     return MeasuredField(
-        horizontal_ut,
-        float(np.sqrt(covariance[0, 0])),
-        float(np.degrees(np.arctan2(down_ut, horizontal_ut))),
-        float(np.degrees(np.sqrt(slope @ covariance @ slope))),
-        vertical_iron_ut,
+        float(horizontal_ut), float(np.sqrt(horizontal_2)), dip_deg, dip_sigma_deg, vertical_iron_ut
     )
 
 

@@ -103,8 +103,17 @@ def test_the_fields_strength_and_dip_are_measured(seed: int) -> None:
     assert abs(field.dip_deg - np.degrees(np.arctan2(42.0, 23.5))) < 3.0 * field.dip_sigma_deg < 9.0
 
 
-def test_even_ground_does_not_tell_the_dip() -> None:
-    assert not fit_compass(Bent(1).stops(8), EARTH).field.tells_dip
+@pytest.mark.parametrize("seed", range(4))
+def test_even_ground_tells_the_strength_and_not_the_dip(seed: int) -> None:
+    field = fit_compass(Bent(seed).stops(8), EARTH).field
+    assert not field.tells_dip
+    assert abs(field.horizontal_ut - EARTH.horizontal_ut) < 3.0 * field.horizontal_sigma_ut < 2.3
+
+
+@pytest.mark.parametrize("horizontal_ut", [19.5, 27.5])
+def test_a_disturbed_field_is_refused_on_even_ground_too(horizontal_ut: float) -> None:
+    with pytest.raises(CalibrationError, match="horizontal field is"):
+        fit_compass(Bent(1, (0.0, horizontal_ut, -42.0)).stops(8), EARTH)
 
 
 @pytest.mark.parametrize("seed", range(4))
