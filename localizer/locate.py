@@ -18,7 +18,7 @@ from localizer.geodesy import lonlat_to_rowcol
 from localizer.horizon.from_image import CONFIDENT, ColumnState, Skyline, find_skyline
 from localizer.horizon.from_terrain import Terrain, horizon, horizon_around, prepare_terrain
 from localizer.observation import FrameObservation, Observation, PriorCircle
-from localizer.search.contest import contest
+from localizer.search.contest import contest, starts
 from localizer.search.contours import BINS, FrameContour, MeasuredSkyline, frame_contour, measured_skyline
 from localizer.search.decide import Decision
 from localizer.search.refine import Refined
@@ -152,29 +152,44 @@ def locate(terrain: Terrain, observation: Observation, *, everywhere: bool = Tru
             terrain.usual_error_m,
             _within_prior(terrain, observation),
         )
-    decision, best = _among(terrain, observation, seen, skyline, stage1.last, offsets, watch)
+    scored = _scored(terrain, observation, skyline, stage1.last, offsets, watch)
+    decision, best = _decided(terrain, observation, seen, scored, watch)
     if everywhere and decision.status == "none" and len(stage1.last) < len(stage1.survivors["altitude"]):
         # A central column may show a cloud or a tree: let whole curves speak about every cell at the right altitude.
-        decision, best = _among(
-            terrain, observation, seen, skyline, stage1.survivors["altitude"], offsets, watch
+        everywhere_scored = _scored(
+            terrain, observation, skyline, stage1.survivors["altitude"], offsets, watch
         )
+        anew = everywhere_scored.cells[starts(everywhere_scored)]
+        if not np.array_equal(anew, scored.cells[starts(scored)]):
+            decision, best = _decided(terrain, observation, seen, everywhere_scored, watch)
     return Located(decision, best, stage1, watch.seconds)
 
 
-def _among(
+def _scored(
     terrain: Terrain,
     observation: Observation,
-    contours: tuple[FrameContour, ...],
     skyline: MeasuredSkyline,
     cells: NDArray[np.int64],
     offsets: Floats,
     watch: _Watch,
-) -> tuple[Decision, Refined | None]:
-    """Stage 2, refinement and decision among the given cells."""
+) -> Scored:
+    """Stage 2 among the given cells."""
     if len(cells) == 0:
-        return Decision("none", [], np.zeros(0)), None
+        return Scored(cells, np.zeros(0), np.zeros(0))
     with watch.part("stage2"):
-        scored = _stage2(terrain, observation, skyline, cells, offsets)
+        return _stage2(terrain, observation, skyline, cells, offsets)
+
+
+def _decided(
+    terrain: Terrain,
+    observation: Observation,
+    contours: tuple[FrameContour, ...],
+    scored: Scored,
+    watch: _Watch,
+) -> tuple[Decision, Refined | None]:
+    """Refinement and decision among the cells that stage 2 found best."""
+    if len(scored.cells) == 0:
+        return Decision("none", [], np.zeros(0)), None
     with watch.part("refine"):
         return contest(terrain, observation, contours, scored)
 

@@ -5,12 +5,20 @@ around it; the winner is fitted with all columns.
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from localizer.horizon.from_terrain import Terrain
 from localizer.observation import Observation
 from localizer.search.contours import FrameContour
 from localizer.search.decide import Decision, decide, explains
-from localizer.search.nearby import Problems, again, best_nearby, distinct, likeliest_nearby
+from localizer.search.nearby import (
+    HOPELESS_EVIDENCE,
+    Problems,
+    again,
+    best_nearby,
+    distinct,
+    likeliest_nearby,
+)
 from localizer.search.noise import Noise, usual_noise
 from localizer.search.problem import Problem
 from localizer.search.refine import Refined, refine
@@ -40,7 +48,7 @@ def contest(
     columns = sum(len(c.rays) for c in contours)
     coarse = Problem(terrain, observation, contours, stride=max(1, columns // COARSE_COLUMNS))
     refined = []
-    for i in apart(scored, STARTS, START_RADIUS_CELLS):
+    for i in starts(scored):
         row, col = scored.cells[i].astype(float)
         refined.append(
             refine(
@@ -73,10 +81,9 @@ def contest(
     )
     best = best_nearby(problems, contenders[0], largest)
     held = Noise(best.dem_error_m, max(1.0, best.correlation_columns / stride), best.error_model)
-    compared = [again(problems.middle, best, largest, held=held)] + [
-        likeliest_nearby(problems, again(problems.middle, c, largest, held=held), held, largest)
-        for c in contenders[1:]
-    ]
+    compared = [again(problems.middle, c, largest, held=held) for c in [best, *contenders[1:]]]
+    if best.evidence >= HOPELESS_EVIDENCE:
+        compared[1:] = [likeliest_nearby(problems, c, held, largest) for c in compared[1:]]
     compared = distinct(sorted(compared, key=lambda r: r.cost), SAME_PLACE_CELLS)
     priors = 2 + 2 + 3 * len(contours)
     decision = decide(compared, best.evidence, terrain.cell_m)
@@ -86,6 +93,11 @@ def contest(
     if not explains(best, largest, priors):
         return Decision("none", [], np.zeros(0)), None
     return decision, best
+
+
+def starts(scored: Scored) -> NDArray[np.int64]:
+    """Which of the cells take part."""
+    return apart(scored, STARTS, START_RADIUS_CELLS)
 
 
 def _first_altitude(terrain: Terrain, observation: Observation, row: float, col: float) -> float:

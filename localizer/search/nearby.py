@@ -27,6 +27,7 @@ LOOK_ABOUT_ERRORS = (0.2, 1.5)
 LOOK_CLOSER_CELLS = (0.6, 0.15)
 """The same around the best of the places found, where these are not one and the same."""
 FINALISTS = 4
+HOPELESS_EVIDENCE = 0.0
 ONE_PLACE_CELLS = 0.05
 CLEAN_INLIERS = 0.98
 """Share of columns that fit, from which there is no stretch that could bend the fit."""
@@ -52,7 +53,7 @@ def best_nearby(problems: Problems, start: Refined, largest: float) -> Refined:
 
     A fit beside the best place may have taken its misfit for the DEM's error, and a larger error leaves it no reason to move.
     So the search about it takes several sizes for granted, each of the places found has its own noise estimated, and the
-    likeliest under its own counts.
+    likeliest under its own counts. Where nothing explains the contours better than chance does, it is not looked for closer.
     """
     found = again(problems.middle, start, largest, settle=True)
     usual = problems.full.terrain.usual_error_m
@@ -63,6 +64,8 @@ def best_nearby(problems: Problems, start: Refined, largest: float) -> Refined:
         for share in LOOK_ABOUT_ERRORS
     ]
     fits = _looked_about(problems, found, noises, largest, settle=True)
+    if max(fit.evidence for fit in [found, *fits]) < HOPELESS_EVIDENCE:
+        return found
     starts = distinct([found, *sorted(fits, key=lambda r: r.fit_cost)], LOOK_ABOUT_CELLS[1])[:FINALISTS]
     finals = [_settled(problems.fine, start, largest) for start in starts]
     strictly: list[Refined] = []

@@ -204,8 +204,8 @@ def with_tilt_misread(terrain: Terrain) -> Observation:
 
 def with_a_view_of_elsewhere(terrain: Terrain) -> Observation:
     observation, elsewhere = observe(terrain), observe(terrain, (200.0, 600.0))
-    other = dataclasses.replace(observation.frames[1], v_px=elsewhere.frames[2].v_px[:600])
-    other = dataclasses.replace(other, u_px=other.u_px[:600], sigma_px=other.sigma_px[:600])
+    points = {name: getattr(elsewhere.frames[2], name)[:600] for name in ("u_px", "v_px", "sigma_px")}
+    other = dataclasses.replace(observation.frames[1], **points)
     return dataclasses.replace(observation, frames=(observation.frames[0], other, *observation.frames[2:]))
 
 
