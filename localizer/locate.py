@@ -22,19 +22,12 @@ from localizer.search.contest import contest, starts
 from localizer.search.contours import BINS, FrameContour, MeasuredSkyline, frame_contour, measured_skyline
 from localizer.search.decide import Decision
 from localizer.search.refine import Refined
-from localizer.search.stage1 import Band, Stage1, bands, half_cell_relief, heading_offsets_deg, search_stage1
+from localizer.search.rounds import likeliest_cells
+from localizer.search.stage1 import Band, Stage1, bands, heading_offsets_deg, search_stage1
 from localizer.search.stage2 import Scored, search_stage2
 
 Floats = NDArray[np.float64]
 
-COLUMNS_EVERY_DEG = ((6.0, 600), (2.0, 150))
-"""Stage 2's rounds: the columns' spacing, and how many cells go on to the next."""
-MOST_CELLS = 30000
-"""Where stage 1 leaves more, stage 2 first looks at every second cell, or third, and so on, and ..."""
-PROMISING_CELLS = 1500
-"""... then at all around the best of those."""
-HEADING_STEP_DEG = 2.0
-"""Stage 2's hypotheses for the heading lie no further apart."""
 SMALLEST_SIGMA_M = 0.01
 """Of an altimeter; less is a promise that nobody keeps and that the equations cannot be solved with."""
 SMALLEST_SIGMA_PX = 0.15
@@ -177,7 +170,7 @@ def _scored(
     if len(cells) == 0:
         return Scored(cells, np.zeros(0), np.zeros(0))
     with watch.part("stage2"):
-        return _stage2(terrain, observation, skyline, cells, offsets)
+        return likeliest_cells(terrain, observation, skyline, cells, offsets)
 
 
 def _decided(
@@ -192,57 +185,6 @@ def _decided(
         return Decision("none", [], np.zeros(0)), None
     with watch.part("refine"):
         return contest(terrain, observation, contours, scored)
-
-
-def _stage2(
-    terrain: Terrain,
-    observation: Observation,
-    skyline: MeasuredSkyline,
-    cells: NDArray[np.int64],
-    offsets: Floats,
-) -> Scored:
-    """Few columns for all cells, many for the best of them."""
-    relief = half_cell_relief(terrain.height_m)
-    if len(offsets) > 1 and offsets[1] - offsets[0] > HEADING_STEP_DEG:
-        offsets = np.arange(offsets[0], offsets[-1], HEADING_STEP_DEG)
-
-    def best(cells: NDArray[np.int64], every_deg: float, keep: int, spread: float = 1.0) -> Scored:
-        at = cells[:, 0], cells[:, 1]
-        eye = terrain.height_m[at].astype(float) + observation.mast_height_m
-        slack = spread * relief[at].astype(float)
-        if observation.altitude_m is not None:
-            eye = np.clip(observation.altitude_m, eye - slack, eye + slack)
-        scored = search_stage2(
-            terrain,
-            skyline,
-            cells,
-            eye,
-            slack,
-            offsets,
-            observation.azimuth_bias_sigma_deg,
-            terrain.usual_error_m,
-            every_deg,
-        )
-        return Scored(scored.cells[:keep], scored.disparity[:keep], scored.azimuth_bias_deg[:keep])
-
-    if len(cells) > MOST_CELLS:
-        stride = int(np.ceil(np.sqrt(len(cells) / MOST_CELLS)))
-        sparse = cells[(cells % stride == stride // 2).all(axis=1)]
-        promising = best(sparse, COLUMNS_EVERY_DEG[0][0], PROMISING_CELLS, spread=float(stride)).cells
-        cells = _around(cells, promising, terrain.height_m.shape, stride)
-    for every_deg, keep in COLUMNS_EVERY_DEG:
-        scored = best(cells, every_deg, keep)
-        cells = scored.cells
-    return scored
-
-
-def _around(
-    cells: NDArray[np.int64], centres: NDArray[np.int64], shape: tuple[int, ...], stride: int
-) -> NDArray[np.int64]:
-    """Those of ``cells`` (n, 2) that lie in the squares of ``stride`` cells a side around the centres (m, 2)."""
-    near = np.zeros((shape[0] // stride + 1, shape[1] // stride + 1), bool)
-    near[centres[:, 0] // stride, centres[:, 1] // stride] = True
-    return cells[near[cells[:, 0] // stride, cells[:, 1] // stride]]
 
 
 def _within_prior(terrain: Terrain, observation: Observation) -> NDArray[np.bool_] | None:
