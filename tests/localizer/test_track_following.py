@@ -377,6 +377,7 @@ def test_bad_input_is_one_line_and_status_2(scene, drive, run, tmp_path):
         assert words in err
 
 
+@pytest.mark.long
 def test_bundles_named_against_their_times_are_noted(scene, drive, run):
     _, _, err = run(*reversed(drive), "--dem", scene.dem_path)
     assert err == (
