@@ -231,7 +231,8 @@ def test_a_drive_with_a_simulated_rig(window: Callable[[str], object], tmp_path:
             agrees(page, status)
 
             page.until(lambda: page.does("document.querySelectorAll('#frames figure').length") == 4, "frames")
-            lines = "[...document.querySelectorAll('#frames path.{}')].every(p => p.getAttribute('d').length > 500)"
+            # a steep frame may show the sky in an eighth of its columns only
+            lines = "[...document.querySelectorAll('#frames path.{}')].every(p => p.getAttribute('d').length > 100)"
             page.until(lambda: page.does(lines.format("found")), "skylines found")
             if status["last"]["fix"]["position"]:
                 assert page.does(lines.format("predicted"))
