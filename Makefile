@@ -22,10 +22,10 @@ test: $(READY)
 test-all: $(READY)
 	$(BIN)/pytest -n 2 --dist loadfile -m "not system"
 
-# Against the programs that it works with: gpsd, a browser, systemd. They are installed where they are missing.
+# Against the programs that it works with: gpsd, a browser, systemd. They are installed where they are missing. Mostly waiting.
 test-system: $(READY)
 	tests/system/packages
-	$(BIN)/pytest -n 2 --dist loadfile -m "system and not long"
+	$(BIN)/pytest -n 3 --dist loadfile -m "system and not long"
 
 EVALUATE = $(BIN)/sim evaluate $(addprefix --dem ,$(DEMS)) --seed $(SEED) --jobs $(JOBS)
 SCENARIOS = $(sort $(basename $(notdir $(wildcard configs/scenarios/evaluate/*.toml))))
