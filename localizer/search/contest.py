@@ -81,7 +81,7 @@ def contest(
     )
     best = best_nearby(problems, contenders[0], largest)
     held = Noise(best.dem_error_m, max(1.0, best.correlation_columns / stride), best.error_model)
-    compared = [again(problems.middle, c, largest, held=held) for c in [best, *contenders[1:]]]
+    compared = [again(problems.middle, c, largest, noise=held) for c in [best, *contenders[1:]]]
     if best.evidence >= HOPELESS_EVIDENCE:
         compared[1:] = [likeliest_nearby(problems, c, held, largest) for c in compared[1:]]
     compared = distinct(sorted(compared, key=lambda r: r.cost), SAME_PLACE_CELLS)

@@ -92,12 +92,12 @@ def again(
     largest: float,
     *,
     settle: bool = False,
-    held: Noise | None = None,
+    noise: Noise | None = None,
     iterations: int = 24,
     likely_from: int = LIKELY_FROM,
     strict: float = 1.0,
 ) -> Refined:
-    """Refine once more from where a coarser refinement ended; ``held``: the noise not to estimate anew."""
+    """Refine once more from where another refinement ended, with its ``noise`` to begin with where no other is given."""
     return refine(
         problem,
         start.row,
@@ -105,7 +105,7 @@ def again(
         start.altitude_m,
         start.azimuth_bias_deg,
         iterations=iterations,
-        noise=held or Noise(start.dem_error_m, start.correlation_columns, start.error_model),
+        noise=noise or Noise(start.dem_error_m, start.correlation_columns, start.error_model),
         largest_dem_error_m=largest,
         settle=settle,
         likely_from=likely_from,
@@ -127,16 +127,13 @@ def _looked_about(
 ) -> list[Refined]:
     """Fits from the likeliest places around another under each noise, which is held unless they ``settle`` their own."""
     return [
-        refine(
+        again(
             problems.middle,
-            row,
-            col,
-            altitude_m,
-            found.azimuth_bias_deg,
-            iterations=8,
-            noise=noise,
-            largest_dem_error_m=largest,
+            replace(found, row=row, col=col, altitude_m=altitude_m),
+            largest,
             settle=settle,
+            noise=noise,
+            iterations=8,
             likely_from=0,
         )
         for row, col, altitude_m, noise in places_around(
