@@ -79,7 +79,7 @@ class Snapshot:
     locating: str | None
     """The bundle that is being searched for."""
     waiting: int
-    """Bundles in the spool that have not been located yet."""
+    """Bundles in the spool that have not been located yet, that one among them."""
     devices: tuple[DeviceHealth, ...]
     last: Answer | None
     """The latest answer, whatever its status."""
@@ -156,12 +156,19 @@ class Board:
                 self._now = dataclasses.replace(self._now, activity=activity, activity_since=Instant.now())
                 self._tell("status", {"activity": activity})
 
-    def set_search(self, locating: str | None, waiting: int) -> None:
-        """Say which bundle is being searched for, and how many wait."""
+    def set_locating(self, bundle: str | None) -> None:
+        """Say which bundle is being searched for; the same again is no event."""
         with self._lock:
-            if (locating, waiting) != (self._now.locating, self._now.waiting):
-                self._now = dataclasses.replace(self._now, locating=locating, waiting=waiting)
-                self._tell("status", {"locating": locating, "waiting": waiting})
+            if bundle != self._now.locating:
+                self._now = dataclasses.replace(self._now, locating=bundle)
+                self._tell("status", {"locating": bundle})
+
+    def set_waiting(self, bundles: int) -> None:
+        """Say how many bundles have not been located yet; the same again is no event."""
+        with self._lock:
+            if bundles != self._now.waiting:
+                self._now = dataclasses.replace(self._now, waiting=bundles)
+                self._tell("status", {"waiting": bundles})
 
     def set_device(self, name: str, state: DeviceState, detail: str) -> None:
         """Say how a device is; the same again is no event, and keeps the time since when."""

@@ -94,12 +94,15 @@ class Search:
     def _step(self, beat: Callable[[], None]) -> None:
         worker = self._ready_worker(beat)
         entry = self._spool.next_waiting()
-        self._board.set_search(entry.bundle if entry else None, self._spool.count("waiting"))
         if entry is None:
             self._news.wait(IDLE_S)
             self._news.clear()
-        else:
+            return
+        self._board.set_locating(entry.bundle)
+        try:
             self._locate(worker, entry)
+        finally:
+            self._board.set_locating(None)
 
     def hand_over(self) -> SearchProcess | None:
         """The worker, for whoever goes on with the same DEM; None where it has ended. Only after ``run``."""
@@ -138,7 +141,6 @@ class Search:
         answer = answer_of(entry, found)
         self._spool.set_answer(answer, found.tracker)
         self._board.set_answer(answer)
-        self._board.set_search(None, self._spool.count("waiting"))
         _log.info("located", bundle=entry.bundle, **described(answer))
 
     def _failed(self, entry: Entry, reason: str) -> None:

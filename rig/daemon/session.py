@@ -58,7 +58,7 @@ def session(config: RigConfig, shared: Shared, started: Callable[[], None]) -> R
     """
     run, board = run_of(config, shared.path), shared.board
     with ExitStack() as stack:
-        spool = stack.enter_context(Spool(run.spool.dir, run.spool.quota_mb))
+        spool = stack.enter_context(Spool(run.spool.dir, run.spool.quota_mb, board.set_waiting))
         search = Search(spool, board, partial(start_worker, run), shared.worker or start_worker(run))
         shared.worker = None
         stack.callback(search.close)

@@ -15,7 +15,7 @@ import os
 import shutil
 import sqlite3
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
@@ -55,11 +55,17 @@ ODOMETER = "odometer"
 class Spool:
     """See the module. Used from several threads, by one process at a time."""
 
-    def __init__(self, folder: Path, quota_mb: int) -> None:
-        """Open or make it. ``SpoolError`` where it cannot be used, or another process uses it."""
+    def __init__(
+        self, folder: Path, quota_mb: int, tell_waiting: Callable[[int], None] = lambda bundles: None
+    ) -> None:
+        """Open or make it. ``SpoolError`` where it cannot be used, or another process uses it.
+
+        ``tell_waiting`` hears how many bundles wait, here and after every change, in the order of the changes.
+        """
         self.folder = folder
         self.bundles_dir = folder / "bundles"
         self.quota_bytes = quota_mb * 1_000_000
+        self._tell_waiting = tell_waiting
         self._lock = threading.RLock()
         try:
             self.bundles_dir.mkdir(parents=True, exist_ok=True)
@@ -80,6 +86,7 @@ class Spool:
             os.close(self._claim)
             raise
         self.reconcile()
+        self._tell_waiting(self.count("waiting"))
 
     def __enter__(self) -> Self:
         return self
@@ -302,10 +309,12 @@ class Spool:
                 self._db.execute("BEGIN IMMEDIATE")
                 try:
                     yield self._db
+                    waiting = self.count("waiting")
                 except BaseException:
                     self._db.execute("ROLLBACK")
                     raise
                 self._db.execute("COMMIT")
+                self._tell_waiting(waiting)
             except sqlite3.Error as error:
                 if self._db.in_transaction:
                     self._db.execute("ROLLBACK")

@@ -78,6 +78,11 @@ class TestProcess:
         assert not worker.alive
 
 
+def put_bundle(spool: Spool, name: str) -> None:
+    (spool.bundles_dir / name).mkdir()
+    (spool.bundles_dir / name / "bundle.json").write_text("{}")
+
+
 class TestLoop:
     @pytest.fixture
     def spool(self, tmp_path: Path) -> Iterator[Spool]:
@@ -87,8 +92,7 @@ class TestLoop:
     def located(self, spool: Spool, *names: str, time_s: float = IN_TIME_S) -> Board:
         """Put bundles into the spool and run the loop until none waits."""
         for name in names:
-            (spool.bundles_dir / name).mkdir()
-            (spool.bundles_dir / name / "bundle.json").write_text("{}")
+            put_bundle(spool, name)
             spool.begin_capture("rest", None)
             assert spool.end_capture() == name
 
@@ -153,9 +157,33 @@ class TestLoop:
         assert "SIGSEGV" in failed.reason
         assert failed.here
 
+    def test_what_comes_in_during_a_search_is_told_at_once(self, tmp_path: Path) -> None:
+        board, stop = Board(), threading.Event()
+        with Spool(tmp_path / "spool", 10, board.set_waiting) as spool:
+            put_bundle(spool, "hang")
+            spool.reconcile()
+            worker = SearchProcess([Path("any.tif")], 256, IN_TIME_S, FAKE)
+            search = Search(spool, board, lambda: pytest.fail("started anew"), worker)
+            thread = threading.Thread(target=search.run, args=(lambda: None, stop))
+            thread.start()
+            while board.snapshot().locating is None:
+                time.sleep(0.01)
+            assert board.snapshot().waiting == 1
+            with board.subscribed() as events:
+                put_bundle(spool, "z")
+                spool.begin_capture("rest", None)
+                assert spool.end_capture() == "z"
+                event = events.get(0.0)
+            now = board.snapshot()
+            stop.set()
+            thread.join()
+        assert (now.locating, now.waiting) == ("hang", 2)
+        assert event is not None
+        assert (event.kind, event.data) == ("status", {"waiting": 2})
+        assert board.snapshot().locating is None
+
     def test_a_stop_in_the_middle_of_a_search_leaves_the_bundle_waiting(self, spool: Spool) -> None:
-        (spool.bundles_dir / "hang").mkdir()
-        (spool.bundles_dir / "hang" / "bundle.json").write_text("{}")
+        put_bundle(spool, "hang")
         spool.reconcile()
         board, stop = Board(), threading.Event()
         worker = SearchProcess([Path("any.tif")], 256, 60.0, FAKE)

@@ -72,6 +72,21 @@ class TestWaiting:
         assert spool.folder_of(entry.bundle) == spool.bundles_dir / entry.bundle
         assert spool.count("waiting") == 2
 
+    def test_how_many_wait_is_told_at_the_beginning_and_after_every_change(self, tmp_path: Path) -> None:
+        told: list[int] = []
+        with Spool(tmp_path / "another", QUOTA_MB) as spool:
+            captured(spool, "a")
+        with Spool(tmp_path / "another", QUOTA_MB, told.append) as spool:
+            assert told == [1]
+            captured(spool, "b")
+            assert told[-1] == 2
+            spool.set_answer(answer_for("a"), Tracker())
+            assert told[-1] == 1
+            spool.set_failed("b", "crashed")
+            assert told[-1] == 1
+            spool.set_failed("b", "crashed")
+            assert told[-1] == 0
+
     def test_an_answer_ends_the_waiting(self, spool: Spool) -> None:
         answer = answer_for(captured(spool, "a"))
         spool.set_answer(answer, Tracker())
