@@ -89,6 +89,8 @@ class Captures:
                 self._ended("failed", source, reason or "no bundle was left")
                 self._watch.soon()
             else:
+                if self._odometer:
+                    self._odometer.keep()
                 self._watch.worked()
                 self._board.count("captures done")
                 self._board.tell("capture", stage="done", trigger=source, bundle=bundle)
@@ -123,6 +125,8 @@ class Captures:
             return self._spool.end_capture()
         except SpoolError as error:  # the folder has it; the next look at the spool takes it in
             _log.error("spool fails", problem=str(error))
+            if self._odometer:  # from this capture or from the one before?
+                self._odometer.lose()
             return None
 
     def _ended(self, stage: str, source: TriggerSource, reason: str) -> None:
@@ -145,5 +149,7 @@ class Captures:
         if bundle is None:
             self.interrupted(source)
         else:
+            if self._odometer:
+                self._odometer.keep()
             self._board.count("captures done")
             _log.info("captured", bundle=bundle, trigger=source)

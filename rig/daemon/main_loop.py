@@ -202,11 +202,16 @@ class MainLoop:
             self._odometer_due_s = time.monotonic() + ODOMETER_EVERY_S
             state = self._odometer.to_json()
             if state != self._odometer_saved:
-                try:
-                    self._spool.remember(ODOMETER, state)
-                except SpoolError as error:
-                    _log.error("spool fails", problem=str(error))
+                keep_odometer(self._spool, self._odometer)
                 self._odometer_saved = state
+
+
+def keep_odometer(spool: Spool, odometer: Odometer) -> None:
+    """Remember the way for a restart."""
+    try:
+        spool.remember(ODOMETER, odometer.to_json())
+    except SpoolError as error:
+        _log.error("spool fails", problem=str(error))
 
 
 def waiting_wish(inbox: Inbox) -> Wanted | None:

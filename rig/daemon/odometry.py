@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import structlog
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 from localizer.track.odometry import Movement, parse_leg
 from rig.daemon.boot import boot_id
@@ -26,6 +26,8 @@ BRIDGED_S = 60.0
 """... but that it was not far, up to here; beyond it the way is unknown."""
 GAP_SPEED_M_S = 1.0
 """At least so much is uncertain in each second of a gap; the speed beside it where that is more."""
+MISSED_LEGS_M_S = 15.0
+"""So much is uncertain in each second in which legs may have been missed: nothing tells how fast it was."""
 INDEPENDENT_M = 50.0
 """Slip and steering after so much way are independent of those before."""
 FLOOR_M = 0.5
@@ -48,6 +50,8 @@ class Way(BaseModel):
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
     boot: str
+    began_s: float
+    """Monotonic, like the other times."""
     unknown: bool = False
     fed: bool = False
     step_m: tuple[float, float] = (0.0, 0.0)
@@ -55,6 +59,8 @@ class Way(BaseModel):
     aimless_m: float = 0.0
     legs_step_m: tuple[float, float] = (0.0, 0.0)
     legs_m2: tuple[tuple[float, float], tuple[float, float]] = ((0.0, 0.0), (0.0, 0.0))
+    leg_heard_s: float | None = None
+    """When the latest leg was heard of, of this way or one before."""
     speed_m_s: tuple[float, float] | None = None
     """East and north, when last heard of; of one without a course only the size counts. At that monotonic time:"""
     heard_s: float = 0.0
@@ -72,17 +78,15 @@ class Velocity:
 class Odometer:
     """Adds up the way. Used from several threads; times are monotonic."""
 
-    def __init__(self, section: OdometryInput, state: str | None = None) -> None:
-        """``state`` is what ``to_json`` gave before a restart; that of another run of the computer is worth nothing."""
+    def __init__(self, section: OdometryInput, at_s: float, state: str | None = None) -> None:
+        """``state`` is what ``to_json`` gave before a restart, which ends at ``at_s``.
+
+        Without one, or with one of another run of the computer, nothing is known of the way up to the next capture.
+        """
         self._section = section
         self._lock = threading.Lock()
-        self._way = Way(boot=boot_id())
+        self._way = _way_after_restart(state, at_s) or Way(boot=boot_id(), began_s=at_s, unknown=True)
         self._before: Way | None = None
-        if state is not None:
-            before = Way.model_validate_json(state)
-            # Legs that came while nobody listened are lost without a trace; a gap between speeds shows by itself.
-            if before.boot == self._way.boot and before.speed_m_s is not None:
-                self._way = before
 
     def to_json(self) -> str:
         """For a restart."""
@@ -95,15 +99,16 @@ class Odometer:
             course = math.radians(velocity.course_deg or 0.0)
             now = velocity.speed_m_s * math.sin(course), velocity.speed_m_s * math.cos(course)
             without_course = velocity.course_deg is None
-            if self._way.speed_m_s is not None:
-                self._add(now, at_s, without_course or self._way.without_course)
+            if self._way.speed_m_s is None:  # before the first one there was a silence, too
+                self._way.speed_m_s, self._way.heard_s = now, self._way.began_s
+            self._add(now, at_s, without_course or self._way.without_course)
             self._way.speed_m_s, self._way.heard_s, self._way.fed = now, at_s, True
             self._way.without_course = without_course
 
-    def leg(self, leg: Movement | None) -> None:
+    def leg(self, leg: Movement | None, at_s: float) -> None:
         """The vehicle has moved by so much since the last one; None: anywhere."""
         with self._lock:
-            self._way.fed = True
+            self._way.fed, self._way.leg_heard_s = True, at_s
             if leg is None:
                 self._way.unknown = True
                 return
@@ -111,6 +116,11 @@ class Odometer:
             self._way.legs_step_m = east + float(leg.step_m[0]), north + float(leg.step_m[1])
             c = np.array(self._way.legs_m2) + leg.covariance_m2
             self._way.legs_m2 = (float(c[0, 0]), float(c[0, 1])), (float(c[1, 0]), float(c[1, 1]))
+
+    def lose(self) -> None:
+        """Nobody knows where the way began: it is unknown up to the next capture."""
+        with self._lock:
+            self._way.unknown = True
 
     def movement(self, at_s: float) -> Movement | None:
         """From the last ``restart`` to this moment; None where it is unknown."""
@@ -132,12 +142,17 @@ class Odometer:
             return Movement(step_m + np.array(self._way.legs_step_m), covariance_m2)
 
     def begin(self, at_s: float) -> Movement | None:
-        """``movement``, and the way begins anew: a capture is taken here, unless ``take_back`` follows. What is fed goes on."""
+        """``movement``, and the way begins anew: a capture is taken here. What is fed goes on.
+
+        ``keep`` or ``take_back`` follows.
+        """
         movement = self.movement(at_s)
         with self._lock:
             before = self._before = self._way
             self._way = Way(
                 boot=before.boot,
+                began_s=at_s,
+                leg_heard_s=before.leg_heard_s,
                 fed=before.fed,
                 speed_m_s=before.speed_m_s,
                 heard_s=before.heard_s,
@@ -145,8 +160,13 @@ class Odometer:
             )
         return movement
 
+    def keep(self) -> None:
+        """The capture has its bundle."""
+        with self._lock:
+            self._before = None
+
     def take_back(self) -> None:
-        """The capture came to nothing: the way since the one before goes on."""
+        """The capture came to nothing: the way since the one before goes on. Where none has begun, nothing changes."""
         with self._lock:
             before, now = self._before, self._way
             if before is None:
@@ -154,6 +174,7 @@ class Odometer:
             legs_m2 = np.array(before.legs_m2) + np.array(now.legs_m2)
             self._way = now.model_copy(
                 update={
+                    "began_s": before.began_s,
                     "unknown": before.unknown or now.unknown,
                     "fed": before.fed or now.fed,
                     "step_m": _sum(before.step_m, now.step_m),
@@ -184,6 +205,27 @@ class Odometer:
         share = max(section.speed_sigma_share, math.radians(section.heading_sigma_deg))
         way.random_m2 += share**2 * float(np.hypot(*step_m)) * INDEPENDENT_M
         way.step_m = way.step_m[0] + float(step_m[0]), way.step_m[1] + float(step_m[1])
+
+
+def _way_after_restart(state: str | None, at_s: float) -> Way | None:
+    """The way that goes on; None where nothing is left of it.
+
+    Speeds show by themselves how long nobody listened. Legs do not: each that came meanwhile, or that was heard but not
+    kept any more, is missing, and went on from the latest that is known.
+    """
+    if state is None:
+        return None
+    try:
+        way = Way.model_validate_json(state)
+    except ValidationError:  # of another version
+        return None
+    if way.boot != boot_id():
+        return None
+    if way.leg_heard_s is not None or way.speed_m_s is None:
+        unseen_s = at_s - (way.began_s if way.leg_heard_s is None else way.leg_heard_s)
+        way.unknown = way.unknown or unseen_s > BRIDGED_S
+        way.random_m2 += (MISSED_LEGS_M_S * unseen_s) ** 2
+    return way
 
 
 def _sum(first: tuple[float, float], second: tuple[float, float]) -> tuple[float, float]:
@@ -256,7 +298,7 @@ class OdometryListener:
     def _take(self, line: bytes, at_s: float) -> None:
         try:
             if line.startswith(b"{"):
-                self._odometer.leg(parse_leg(line))
+                self._odometer.leg(parse_leg(line), at_s)
             elif velocity := velocity_in(parse_sentence(line)):
                 self._odometer.velocity(velocity, at_s)
                 self._note_course(velocity)

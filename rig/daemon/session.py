@@ -14,7 +14,7 @@ from rig.daemon.board import Board
 from rig.daemon.captures import Captures
 from rig.daemon.control import ControlSocket
 from rig.daemon.device_watch import DeviceWatch, Hardware, obstacle
-from rig.daemon.main_loop import Inbox, MainLoop, run_of, start_worker
+from rig.daemon.main_loop import Inbox, MainLoop, keep_odometer, run_of, start_worker
 from rig.daemon.notify import Notifier
 from rig.daemon.odometry import Odometer, OdometryListener
 from rig.daemon.progress import Loops
@@ -80,7 +80,9 @@ def session(config: RigConfig, shared: Shared, started: Callable[[], None]) -> R
             loops.append(("rest", rest.run, SLOW_BEAT_S))
         odometer = None
         if run.odometry:
-            odometer = Odometer(run.odometry, spool.recall(ODOMETER))
+            odometer = Odometer(run.odometry, time.monotonic(), spool.recall(ODOMETER))
+            stack.callback(keep_odometer, spool, odometer)
+            stack.callback(odometer.take_back)  # a capture that the end interrupts
             listener = OdometryListener(run.odometry, odometer, board.set_moving)
             stack.callback(listener.close)
             loops.append(("odometry", listener.run, USUAL_BEAT_S))

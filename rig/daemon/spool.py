@@ -144,6 +144,9 @@ class Spool:
         that no way is counted twice or lost whenever the power fails.
         """
         with self._transaction() as db:
+            newest = db.execute("SELECT trigger FROM bundles ORDER BY number DESC LIMIT 1").fetchone()
+            if newest == ("found",):  # the leg is from a capture before that one
+                leg = None
             intent = {"trigger": trigger, "leg": leg_json(leg), "boot": boot_id(), "odometer": odometer}
             remember(db, "capturing", json.dumps(intent))
 
@@ -263,6 +266,8 @@ class Spool:
                     self._take_in(db, name, intent if name == new[-1] else {})
                 if new and intent.get("odometer"):
                     remember(db, ODOMETER, intent["odometer"])
+                elif new:  # what is remembered is the way since a capture before
+                    db.execute("DELETE FROM memory WHERE name = ?", (ODOMETER,))
                 db.execute("DELETE FROM memory WHERE name = 'capturing'")
                 db.execute(
                     "DELETE FROM bundles WHERE NOT here AND number <= (SELECT max(number) FROM bundles) - ?",

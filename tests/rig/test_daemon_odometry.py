@@ -13,6 +13,7 @@ from structlog.testing import capture_logs
 
 from localizer.track.odometry import parse_leg
 from rig.daemon.board import Board
+from rig.daemon.boot import boot_id
 from rig.daemon.captures import Captures
 from rig.daemon.config import OdometryInput
 from rig.daemon.odometry import Odometer, OdometryListener, Velocity, velocity_in
@@ -21,6 +22,15 @@ from rig.errors import MessageError, RigError
 from rig.sensors.nmea import checksum, parse_sentence
 
 SECTION = OdometryInput(listen="127.0.0.1:0", speed_sigma_share=0.03, heading_sigma_deg=3.0)
+A_LEG = parse_leg('{"east_m": 10, "north_m": -5, "sigma_m": 3}')
+
+
+def captured_at(at_s: float) -> Odometer:
+    """A way that begins with a capture."""
+    odometer = Odometer(SECTION, at_s)
+    odometer.begin(at_s)
+    odometer.keep()
+    return odometer
 
 
 def sentence(body: str) -> bytes:
@@ -70,10 +80,10 @@ class TestSentences:
 
 class TestWay:
     def test_nothing_heard_is_an_unknown_way(self) -> None:
-        assert Odometer(SECTION).movement(10.0) is None
+        assert captured_at(0.0).movement(10.0) is None
 
     def test_a_drive_adds_up_with_a_sigma_that_grows(self) -> None:
-        odometer = Odometer(SECTION)
+        odometer = captured_at(100.0)
         end_s = driven(odometer, 90.0, 10.0, 100.0, 20.0)
         leg = odometer.movement(end_s)
         assert leg is not None
@@ -86,7 +96,7 @@ class TestWay:
         assert (np.diag(farther.covariance_m2) > np.diag(leg.covariance_m2)).all()
 
     def test_a_round_trip_ends_where_it_began_but_not_exactly(self) -> None:
-        odometer = Odometer(SECTION)
+        odometer = captured_at(0.0)
         end_s = driven(odometer, 0.0, 10.0, 0.0, 60.0)
         leg = odometer.movement(driven(odometer, 180.0, 10.0, end_s + 0.001, 60.0))
         assert leg is not None
@@ -94,7 +104,7 @@ class TestWay:
         assert np.sqrt(np.diag(leg.covariance_m2)).min() > 5.0
 
     def test_a_silence_is_bridged_for_a_while_and_then_nothing_is_known(self) -> None:
-        odometer = Odometer(SECTION)
+        odometer = captured_at(0.0)
         end_s = driven(odometer, 0.0, 0.0, 0.0, 5.0)
         short = odometer.movement(end_s + 20.0)
         assert short is not None
@@ -102,7 +112,7 @@ class TestWay:
         assert odometer.movement(end_s + 20.0 + 61.0) is None
 
     def test_a_way_without_a_course_leads_in_any_direction(self) -> None:
-        odometer = Odometer(SECTION)
+        odometer = captured_at(0.0)
         end_s = driven(odometer, 90.0, 10.0, 0.0, 10.0)
         for second in range(1, 11):
             odometer.velocity(Velocity(10.0, None), end_s + second)
@@ -119,18 +129,18 @@ class TestWay:
         assert np.sqrt(np.diag(whole.covariance_m2)).min() > 0.99 * 100.5 / math.sqrt(2.0)
 
     def test_legs_add_up(self) -> None:
-        odometer = Odometer(SECTION)
+        odometer = captured_at(0.0)
         for _ in range(2):
-            odometer.leg(parse_leg('{"east_m": 10, "north_m": -5, "sigma_m": 3}'))
+            odometer.leg(A_LEG, 1.0)
         leg = odometer.movement(1.0)
         assert leg is not None
         assert leg.step_m.tolist() == [20.0, -10.0]
         assert np.diag(leg.covariance_m2) == pytest.approx(18.0, abs=0.5)
-        odometer.leg(parse_leg('{"unknown": true}'))
+        odometer.leg(parse_leg('{"unknown": true}'), 1.0)
         assert odometer.movement(1.0) is None
 
     def test_a_capture_begins_a_new_way_and_a_failed_one_does_not(self) -> None:
-        odometer = Odometer(SECTION)
+        odometer = captured_at(0.0)
         end_s = driven(odometer, 90.0, 10.0, 0.0, 10.0)
         assert odometer.begin(end_s) is not None
         end_s = driven(odometer, 90.0, 10.0, end_s, 3.0)
@@ -143,23 +153,92 @@ class TestWay:
         assert whole.step_m[0] == pytest.approx(130.0)
 
     def test_a_restart_goes_on_where_speeds_are_heard(self) -> None:
-        odometer = Odometer(SECTION)
         now_s = time.monotonic()
+        odometer = captured_at(now_s)
         driven(odometer, 90.0, 10.0, now_s, 10.0)
-        after = Odometer(SECTION, odometer.to_json())
+        after = Odometer(SECTION, now_s + 11.0, odometer.to_json())
         after.velocity(Velocity(10.0, 90.0), now_s + 12.0)
         leg = after.movement(now_s + 12.0)
         assert leg is not None
         assert leg.step_m[0] == pytest.approx(120.0)
 
-    def test_legs_are_not_trusted_over_a_restart(self) -> None:
-        odometer = Odometer(SECTION)
-        odometer.leg(parse_leg('{"east_m": 10, "north_m": -5, "sigma_m": 3}'))
-        assert Odometer(SECTION, odometer.to_json()).movement(1.0) is None
+    def test_a_silence_before_the_first_speed_counts_like_any_other(self) -> None:
+        odometer = captured_at(0.0)
+        odometer.velocity(Velocity(5.0, 90.0), 20.0)
+        leg = odometer.movement(20.0)
+        assert leg is not None
+        assert np.sqrt(np.diag(leg.covariance_m2)).min() >= 100.0
+        odometer = captured_at(0.0)
+        odometer.velocity(Velocity(5.0, 90.0), 61.0)
+        assert odometer.movement(61.0) is None
+
+    @pytest.mark.parametrize(("heard_before_s", "sigma_m"), [(0.1, 3.4), (10.0, 150.0), (60.0, 900.0)])
+    def test_legs_go_on_over_a_restart_as_if_others_had_been_missed(
+        self, heard_before_s: float, sigma_m: float
+    ) -> None:
+        odometer = captured_at(0.0)
+        odometer.leg(A_LEG, 100.0)
+        after = Odometer(SECTION, 100.0 + heard_before_s, odometer.to_json())
+        after.leg(A_LEG, 200.0)
+        leg = after.movement(200.0)
+        assert leg is not None
+        assert leg.step_m.tolist() == [20.0, -10.0]
+        assert np.sqrt(np.diag(leg.covariance_m2)) == pytest.approx(sigma_m, rel=0.5)
+        assert np.sqrt(np.diag(leg.covariance_m2)).min() >= 15.0 * heard_before_s
+
+    @pytest.mark.parametrize("legs", [0, 1])
+    def test_after_a_longer_while_without_legs_a_restart_knows_nothing_until_the_next_capture(
+        self, legs: int
+    ) -> None:
+        odometer = captured_at(0.0)
+        for _ in range(legs):
+            odometer.leg(A_LEG, 0.0)
+        after = Odometer(SECTION, 61.0, odometer.to_json())
+        after.leg(A_LEG, 70.0)
+        assert after.movement(70.0) is None
+        after.begin(70.0)
+        after.leg(A_LEG, 80.0)
+        assert after.movement(80.0) is not None
+
+    @pytest.mark.parametrize(
+        "state",
+        [
+            None,
+            '{"boot": "of another version"}',
+            captured_at(0.0).to_json().replace(boot_id(), "another boot"),
+        ],
+        ids=["none", "another version", "another boot"],
+    )
+    def test_what_is_heard_after_a_restart_that_knows_nothing_is_not_taken_for_the_whole_way(
+        self, state: str | None
+    ) -> None:
+        after = Odometer(SECTION, 1.0, state)
+        after.leg(A_LEG, 2.0)
+        driven(after, 90.0, 10.0, 2.0, 5.0)
+        assert after.movement(7.0) is None
+
+    def test_a_capture_whose_outcome_is_not_known_leaves_no_way_to_the_next(self) -> None:
+        odometer = captured_at(0.0)
+        odometer.leg(A_LEG, 1.0)
+        odometer.begin(2.0)
+        odometer.lose()
+        odometer.take_back()
+        assert odometer.movement(3.0) is None
+
+    def test_only_the_capture_that_goes_on_can_be_taken_back(self) -> None:
+        odometer = captured_at(0.0)
+        odometer.leg(A_LEG, 1.0)
+        odometer.begin(2.0)
+        odometer.keep()
+        odometer.take_back()
+        odometer.leg(A_LEG, 3.0)
+        leg = odometer.movement(3.0)
+        assert leg is not None
+        assert leg.step_m.tolist() == [10.0, -5.0]
 
 
 def test_datagrams_of_several_lines_are_heard_and_nonsense_is_passed_over() -> None:
-    odometer, stop = Odometer(SECTION), threading.Event()
+    odometer, stop = captured_at(0.0), threading.Event()
     listener = OdometryListener(SECTION, odometer)
     thread = threading.Thread(target=listener.run, args=(lambda: None, stop))
     thread.start()
@@ -189,7 +268,7 @@ def test_datagrams_of_several_lines_are_heard_and_nonsense_is_passed_over() -> N
 
 def test_a_vehicle_that_moves_is_told_and_one_that_stands_is_not() -> None:
     moving: list[None] = []
-    stop, odometer = threading.Event(), Odometer(SECTION)
+    stop, odometer = threading.Event(), captured_at(time.monotonic())
     listener = OdometryListener(SECTION, odometer, lambda: moving.append(None))
     thread = threading.Thread(target=listener.run, args=(lambda: None, stop))
     thread.start()
@@ -221,10 +300,10 @@ def test_a_capture_that_the_spool_refuses_takes_nothing_off_the_way() -> None:
         def begin_capture(self, *_: object) -> None:
             raise SpoolError("index.sqlite: disk I/O error; look at the disk")
 
-    odometer, spool, board = Odometer(SECTION), FullDisk(), Board()
+    now_s = time.monotonic()
+    odometer, spool, board = captured_at(now_s - 20.0), FullDisk(), Board()
     signals = SimpleNamespace(shielded=nullcontext)
     captures = Captures(None, board, spool, signals, None, None, odometer)  # type: ignore[arg-type]
-    now_s = time.monotonic()
     driven(odometer, 90.0, 10.0, now_s - 20.0, 20.0)
     for spool.refuses_room in (False, True, False):
         assert captures.take("rest", lambda: None) is None
@@ -235,7 +314,7 @@ def test_a_capture_that_the_spool_refuses_takes_nothing_off_the_way() -> None:
 
 
 def test_a_talker_without_a_course_is_told_of_once() -> None:
-    listener = OdometryListener(SECTION, Odometer(SECTION))
+    listener = OdometryListener(SECTION, captured_at(0.0))
     moving, turning = sentence("IIVTG,,T,,M,10.0,N,18.52,K,A"), sentence("IIVTG,90.0,T,,M,10.0,N,18.52,K,A")
     standing = sentence("IIVTG,,T,,M,0.0,N,0.0,K,A")
     with capture_logs() as lines, closing(listener):

@@ -1,6 +1,9 @@
 """``rig run`` as the vehicle's computer has it: a process, devices at wire level, signals."""
 
+import json
 import signal
+import socket
+import sqlite3
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,7 +13,9 @@ from fakes.daemon import Daemon, add_keys, running_daemon
 from fakes.simulated import Quick, quick_rig, world
 
 from localizer.bundle import load_bundle
+from rig.config import load_config
 from rig.daemon.control import ControlError, ask
+from rig.daemon.spool import ODOMETER
 from sim.options import EMBEDDED_DEM
 
 ENDS_WITHIN_S = 10.0
@@ -77,3 +82,44 @@ def test_bad_configurations_are_refused_a_trigger_is_answered_and_a_stop_in_the_
     assert [path.name for path in (daemon.spool / "bundles").iterdir()] == [folder.name]
     with pytest.raises(ControlError, match="no rig run listens there"):
         ask(daemon.control, "status")
+
+
+def test_legs_that_were_heard_before_the_power_failed_count_after_it(quick: Quick, tmp_path: Path) -> None:
+    config = quick.rig.config_path
+    run = load_config(config).run
+    assert run
+    assert run.odometry
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]  # not where the simulated odometer talks
+    config.write_text(config.read_text().replace(run.odometry.listen, f"127.0.0.1:{port}"))
+
+    def drive_east() -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+            out.sendto(b'{"east_m": 30, "north_m": 0, "sigma_m": 1}', ("127.0.0.1", port))
+
+    with running_daemon(config, tmp_path / "log") as daemon:
+        daemon.until_ready()
+        daemon.ask("trigger")
+        daemon.until_counted("captures done", 1)
+        drive_east()
+        heard_s = time.monotonic()
+        index = sqlite3.connect(daemon.spool / "index.sqlite")
+
+        def kept(_: object) -> bool:
+            (state,) = index.execute("SELECT value FROM memory WHERE name = ?", (ODOMETER,)).fetchone()
+            return bool(json.loads(state)["legs_step_m"][0] == 30.0)
+
+        daemon.until(kept, "kept")
+        daemon.stop(signal.SIGKILL)
+    with running_daemon(config, tmp_path / "log") as daemon:
+        daemon.until_ready()
+        missed_s = time.monotonic() - heard_s
+        drive_east()
+        daemon.ask("trigger")
+        daemon.until_counted("captures done", 1)
+    ((leg,),) = index.execute("SELECT leg FROM bundles ORDER BY number DESC LIMIT 1").fetchall()
+    index.close()
+    leg = json.loads(leg)
+    assert leg["step_m"] == [60.0, 0.0]
+    assert 5.0**2 < leg["covariance_m2"][0][0] < (16.0 * missed_s) ** 2

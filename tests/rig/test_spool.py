@@ -162,6 +162,25 @@ class TestQuota:
 
 
 class TestRestart:
+    def test_the_way_since_a_capture_is_not_the_way_since_a_bundle_that_somebody_put_there(
+        self, tmp_path: Path
+    ) -> None:
+        with Spool(tmp_path, QUOTA_MB) as spool:
+            captured(spool, "a")
+            spool.set_answer(answer_for("a"), Tracker())
+            spool.remember(ODOMETER, "since a")
+            put_bundle(spool, "b")
+            spool.make_room()
+            spool.set_answer(answer_for("b"), Tracker())
+            assert spool.recall(ODOMETER) is None
+            captured(spool, "c", A_LEG)
+            (entry,) = spool.entries(1)
+            assert spool.tracker_for(entry)[1] is None
+            spool.set_answer(answer_for("c"), Tracker())
+            captured(spool, "d", A_LEG)
+            (entry,) = spool.entries(1)
+            assert spool.tracker_for(entry)[1] is not None
+
     def test_a_bundle_whose_capture_was_not_noted_to_the_end_is_taken_in(self, tmp_path: Path) -> None:
         with Spool(tmp_path, QUOTA_MB) as spool:
             captured(spool, "a")
@@ -181,7 +200,9 @@ class TestRestart:
         self, tmp_path: Path, left_a_bundle: bool
     ) -> None:
         section = OdometryInput()
-        odometer, now_s = Odometer(section), time.monotonic()
+        now_s = time.monotonic()
+        odometer = Odometer(section, now_s)
+        odometer.begin(now_s)
 
         def east(at_s: float) -> None:
             odometer.velocity(Velocity(10.0, 90.0), at_s)
@@ -195,7 +216,7 @@ class TestRestart:
             if left_a_bundle:
                 put_bundle(spool, "a")  # and the power fails
         with Spool(tmp_path, QUOTA_MB) as spool:
-            odometer = Odometer(section, spool.recall(ODOMETER))
+            odometer = Odometer(section, now_s + 20.5, spool.recall(ODOMETER))
             east(now_s + 21.0)
             on = odometer.movement(now_s + 21.0)
             assert on is not None
