@@ -4,13 +4,16 @@ import os
 import re
 import subprocess
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 from sim.command import find_command, search_path
 
 ASKS = "Then press Enter."
 QUESTION = "[Y/n]"
+ENDS_WITHIN_S = 15.0
+"""The head is let go; nothing else takes long."""
 TURN = re.compile(r"turn the vehicle by about (\d+) deg to the right")
 
 
@@ -35,7 +38,10 @@ def operate(
     act: Callable[[str], None],
     hear: Callable[[str], None],
 ) -> Done:
-    """Run a command; ``act`` does what a line asks for before Enter is pressed; questions are answered with yes."""
+    """Run a command; ``act`` does what a line asks for before Enter is pressed; questions are answered with yes.
+
+    Whatever ends this early ends the command.
+    """
     with tempfile.TemporaryFile("w+", encoding="utf-8") as out:
         process = subprocess.Popen(
             [find_command(command[0]), *command[1:]],
@@ -49,7 +55,7 @@ def operate(
         assert process.stdin is not None
         assert process.stderr is not None
         last_line = ""
-        with process:
+        with process, _ended_early(process):
             for line in process.stderr:
                 last_line = line.rstrip("\n") or last_line
                 hear(line.rstrip("\n"))
@@ -60,3 +66,17 @@ def operate(
                     process.stdin.flush()
         out.seek(0)
         return Done(process.returncode, out.read(), last_line)
+
+
+@contextmanager
+def _ended_early(process: "subprocess.Popen[str]") -> Iterator[None]:
+    """End a process where the context ends with an exception."""
+    try:
+        yield
+    except BaseException:
+        process.terminate()
+        try:
+            process.wait(ENDS_WITHIN_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+        raise

@@ -10,8 +10,7 @@ import shutil
 import tempfile
 import tomllib
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass, fields
 from functools import partial
 from pathlib import Path
@@ -28,6 +27,7 @@ from sim.operator import Done, operate, turn_asked_deg
 from sim.panorama import render_panorama
 from sim.renderer import Renderer
 from sim.scenario import Scenario
+from sim.side_by_side import side_by_side
 from sim.world import World
 
 DRIVE_H = 0.25
@@ -102,18 +102,15 @@ def calibrate_rigs(
 ) -> list[RigResult]:
     """Calibrate one rig for each seed, ``jobs`` at a time.
 
-    ``hear`` is told of each when it is done, ``keep`` gets files and bundles.
+    ``hear`` is told of each when it is done, ``keep`` gets files and bundles. Whatever ends this early ends the rigs that
+    have begun.
     """
     one = partial(calibrate_rig, list(dem_paths), scenario, keep=keep)
     results = []
-    with ProcessPoolExecutor(jobs) as pool:
-        try:
-            for done in as_completed([pool.submit(one, seed) for seed in seeds]):
-                hear(done.result())
-                results.append(done.result())
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)  # what has not begun need not
-            raise
+    with closing(side_by_side(one, seeds, jobs)) as done:
+        for result in done:
+            hear(result)
+            results.append(result)
     return sorted(results, key=lambda result: result.seed)
 
 
