@@ -6,19 +6,13 @@ from typing import Literal
 import click
 
 from sim.failures import one_line_failures
+from sim.options import dem_files
 
 # What draws and locates cases is slow to import, and --help and bad usage should not wait for it.
 
 
 @click.command()
-@click.option(
-    "--dem",
-    "dems",
-    type=click.Path(path_type=Path),
-    multiple=True,
-    metavar="FILE",
-    help="Elevation raster; the cases are spread evenly over those given.",
-)
+@dem_files("the cases are spread evenly over those given.")
 @click.option(
     "--scenario",
     "scenario_path",
@@ -62,7 +56,7 @@ from sim.failures import one_line_failures
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of the tables.")
 @one_line_failures
 def evaluate(
-    dems: tuple[Path, ...],
+    dem_paths: tuple[Path, ...],
     scenario_path: Path | None,
     folder: Path | None,
     cases: int,
@@ -89,7 +83,7 @@ def evaluate(
         from sim.evaluate.photos.command import photos_command
 
         return photos_command(photos_dir, folder, as_json)
-    if not dems or scenario_path is None or folder is None:
+    if not dem_paths or scenario_path is None or folder is None:
         raise click.UsageError("give --dem, --scenario and --out, or --photos")
 
     from sim.evaluate.case import Experiment
@@ -104,7 +98,7 @@ def evaluate(
         if estimator_only:
             raise click.UsageError("--estimator-only has no pictures; leave --level image away.")
         refuse_contour_faults(scenario)
-    experiment = Experiment(dems, scenario, seed, level, estimator_only)
+    experiment = Experiment(dem_paths, scenario, seed, level, estimator_only)
     folder.mkdir(parents=True, exist_ok=True)
     numbers = sorted(set(only)) or list(range(cases))
     with counting(len(numbers)) as report:
