@@ -15,7 +15,7 @@ from localizer.errors import SkyfixError
 from localizer.horizon.from_image import find_skyline
 from rig import clock, derive
 from rig.attitude import HeadLevel
-from rig.bundle_writer import FrameRecord, Measurement, require_writable, write_bundle
+from rig.bundle_writer import Measurement, require_writable, write_bundle
 from rig.bus.retry import retry
 from rig.camera import TimedFrame
 from rig.config import RigConfig
@@ -30,7 +30,15 @@ from rig.measure import AltitudeReading, read_altitude, require_stood, still_lev
 from rig.pan_tilt import HeadState
 from rig.pictures import seen_at, take_pictures
 from rig.progress import Published, Reporter
-from rig.standing import Standing, measure_standing
+from rig.standing import (
+    Standing,
+    Stop,
+    compass_record,
+    measure_standing,
+    read_compass_beside,
+    standing_from,
+    stop_of,
+)
 from rig.telemetry import feed
 
 MOST_VIEWS = 5
@@ -46,11 +54,11 @@ class CaptureError(RigError):
 
 @dataclass(frozen=True)
 class View:
-    """What was read while the head stood in one position."""
+    """What was read while the head stood in one position; ``pointing`` is by the heading as it was known then."""
 
     before: HeadState
     state: HeadState
-    level: HeadLevel
+    stop: Stop
     frames: list[TimedFrame]
     image_bgr: NDArray[np.uint8]
     pointing: Attitude
@@ -146,23 +154,30 @@ def measure(rig: Rig, directions: Sequence[Direction], report: Reporter) -> Meas
         feed.publish(altitude)
     report.done(_standing_line(standing, altitude))
     head = Head.from_config(rig.config)
-    frames = {}
+    found: dict[str, derive.Shot] = {}
     for direction in in_passing(directions, standing.attitude, head, rig.pan_tilt.state().pan_deg):
         report.doing(f"looking {direction.label}")
         view = look(rig, direction, standing, head, seen)
         feed.publish(view)
         report.done(_view_line(direction, view))
-        frames[direction.label] = _frame_record(rig.config, direction, standing, view)
-    if not any(frame.raw["skyline"]["share"] for frame in frames.values()):
+        found[direction.label] = _shot(direction, view)
+    shots = [found[direction.label] for direction in directions]
+    if not any(shot.raw["skyline"]["share"] for shot in shots):
         raise CaptureError(
-            f"no skyline in any of {len(frames)} frames: look at the lens, the light and the weather, "
+            f"no skyline in any of {len(shots)} frames: look at the lens, the light and the weather, "
             "or move to where the horizon is open"
         )
-    times = {f"frame {label}": frame.time for label, frame in frames.items()}
-    times |= {f"level and heading at stop {number}": utc for number, utc in enumerate(standing.times, 1)}
+    times = {f"frame {shot.label}": shot.time for shot in shots}
+    times |= {
+        f"level and heading at stop {number}": stop.utc for number, stop in enumerate(standing.stops, 1)
+    }
     if altitude:
         times["altitude"] = altitude.utc
     require_fresh(times, rig.config.capture.oldest_reading_s)
+    if any(shot.stop.has_compass for shot in shots):
+        views = [shot.stop for shot in shots]
+        standing = standing_from(rig.config, standing.stops, standing.raw["compass"], views)
+        feed.publish(standing)
     return Measurement(
         created=clock.utc_now(),
         camera=derive.bundle_camera(rig.config),
@@ -170,7 +185,7 @@ def measure(rig: Rig, directions: Sequence[Direction], report: Reporter) -> Meas
         altitude=Altitude(value_m=altitude.altitude_m, sigma_m=altitude.sigma_m) if altitude else None,
         azimuth_bias_sigma_deg=derive.azimuth_bias_sigma_deg(rig.config, standing),
         tilt_bias_sigma_deg=derive.tilt_bias_sigma_deg(rig.config, standing),
-        frames=[frames[direction.label] for direction in directions],
+        frames=[derive.frame_record(rig.config, standing, shot) for shot in shots],
         raw={
             "rig": rig.config.rig.name,
             "pan_tilt": rig.pan_tilt.identify(),
@@ -262,15 +277,19 @@ def take_view(rig: Rig, joints: JointAngles, standing: Standing, head: Head, see
     """Move to joint angles, and read all that tells where the camera looks while it takes its pictures."""
     camera = rig.config.camera
     before = rig.pan_tilt.go_to(joints.pan_deg, joints.tilt_deg)
-    levelling = rig.readers.submit(still_level, rig, rig.config.inclinometer.average_s)
+    average_s = rig.config.inclinometer.average_s
+    levelling = rig.readers.submit(still_level, rig, average_s)
+    heading = rig.readers.submit(read_compass_beside, rig, average_s)
     exposed_s = time.monotonic() + camera.exposure_settle_s
     pictures = take_pictures(rig.camera, camera.frames_per_direction, exposed_s, joints, seen)
     level, still_since_s = levelling.result()
     if pictures.frames[0].not_before_s < still_since_s:  # the mast still swung
         pictures = take_pictures(rig.camera, camera.frames_per_direction, still_since_s, joints, seen)
+    readings = heading.result()
     after = rig.pan_tilt.state()
     require_stood(before, after, "a frame was taken")
     joints_seen = JointAngles((before.pan_deg + after.pan_deg) / 2, (before.tilt_deg + after.tilt_deg) / 2)
+    stop = stop_of(after.ticks, joints_seen, level, readings)
     pointing = derive.pointing(standing, joints_seen, level, head)
     _note_play(standing, joints_seen, level)
     margin = rig.config.capture.skyline_margin_fraction
@@ -278,7 +297,7 @@ def take_view(rig: Rig, joints: JointAngles, standing: Standing, head: Head, see
     return View(
         before,
         after,
-        level,
+        stop,
         pictures.frames,
         pictures.image_bgr,
         pointing,
@@ -306,24 +325,20 @@ def _altitude(rig: Rig) -> AltitudeReading | None:
     return read_altitude(rig.altimeter, rig.config.altimeter)
 
 
-def _frame_record(config: RigConfig, direction: Direction, standing: Standing, view: View) -> FrameRecord:
-    return FrameRecord(
+def _shot(direction: Direction, view: View) -> derive.Shot:
+    return derive.Shot(
         label=direction.label,
         image_bgr=view.image_bgr,
         time=view.frames[len(view.frames) // 2].arrived.utc,
-        azimuth_deg=view.pointing.azimuth_deg,
-        azimuth_sigma_deg=config.pan_tilt.azimuth_sigma_deg,
-        tilt_deg=view.pointing.tilt_deg,
-        tilt_sigma_deg=derive.tilt_sigma_deg(config, view.level),
-        roll_deg=view.pointing.roll_deg,
-        roll_sigma_deg=derive.roll_sigma_deg(config, standing, view.level),
+        stop=view.stop,
         raw={
             "requested_azimuth_deg": direction.azimuth_deg,
             "ticks": list(view.state.ticks),
             "ticks_before": list(view.before.ticks),
             "servo_volts": list(view.state.volts),
             "servo_temperatures_c": list(view.state.temps),
-            "inclinometer": asdict(view.level),
+            "inclinometer": asdict(view.stop.level),
+            **compass_record(view.stop),
             "frame_times": [utc_text(frame.arrived.utc) for frame in view.frames],
             "frame_monotonic_s": [round(frame.arrived.monotonic_s, 3) for frame in view.frames],
             "head_monotonic_s": [round(state.monotonic_s, 3) for state in (view.before, view.state)],

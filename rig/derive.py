@@ -1,15 +1,51 @@
 """From raw readings to what a bundle says, by the configuration in force: for a capture, and later for a better one."""
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from localizer.bundle import Camera as BundleCamera
 from rig.attitude import HeadLevel
+from rig.bundle_writer import FrameRecord
 from rig.config import RigConfig
 from rig.kinematics import Attitude, Head, JointAngles, measured_pointing
-from rig.standing import Standing
+from rig.standing import Standing, Stop
 
 MOST_SIGMA_DEG = 180.0
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A picture and what was read while it was taken; where it looked depends on how the vehicle is found to stand."""
+
+    label: str
+    image_bgr: NDArray[np.uint8]
+    time: datetime
+    stop: Stop
+    raw: Mapping[str, Any]
+
+
+def frame_record(config: RigConfig, standing: Standing, shot: Shot) -> FrameRecord:
+    """A frame of the bundle."""
+    level = shot.stop.level
+    looked = pointing(standing, shot.stop.joints, level, Head.from_config(config))
+    return FrameRecord(
+        label=shot.label,
+        image_bgr=shot.image_bgr,
+        time=shot.time,
+        azimuth_deg=looked.azimuth_deg,
+        azimuth_sigma_deg=config.pan_tilt.azimuth_sigma_deg,
+        tilt_deg=looked.tilt_deg,
+        tilt_sigma_deg=tilt_sigma_deg(config, level),
+        roll_deg=looked.roll_deg,
+        roll_sigma_deg=roll_sigma_deg(config, standing, level),
+        raw=shot.raw,
+    )
 
 
 def pointing(standing: Standing, joints: JointAngles, level: HeadLevel, head: Head) -> Attitude:

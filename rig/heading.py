@@ -24,6 +24,8 @@ PLAUSIBLE_FIELD_UT = (15.0, 100.0)  # the Earth's is 22 to 67; iron nearby bends
 LEAST_HORIZONTAL_UT = 2.0  # below it, near the magnetic poles, a compass points nowhere
 TALKER_MISFIT_LIMIT_DEG = 20.0
 ANGLES_FOR_DEVIATION = 4
+SAME_PAN_DEG = 0.2
+"""Readings so near together share the error of the pan's encoder, two ticks wide: they count as one."""
 
 
 @dataclass(frozen=True)
@@ -60,10 +62,14 @@ class HeadingsAtPan:
 
 @dataclass(frozen=True)
 class CompassHeading:
-    """Heading of the base by the compass's own north, and what the readings say about its error."""
+    """Heading of the base by the compass's own north, and what the readings say about its error.
+
+    ``misfit_deg`` is how far the readings at one pan angle are off what all say together, rms.
+    """
 
     heading_deg: float
     scatter_deg: float
+    misfit_deg: float
 
 
 @dataclass(frozen=True)
@@ -98,7 +104,8 @@ def heading_from_field(
     measured = means[:, :2].ravel()
     design = np.vstack([_stage_rows(field.pan_deg) for field in fields])
     solution, *_ = np.linalg.lstsq(design, measured, rcond=None)
-    misfit_ut = _deviation(measured - design @ solution, unknowns=4)
+    pans = distinct_pans([field.pan_deg for field in fields])
+    misfit_ut = _deviation(measured - design @ solution, 2 * pans - 4)
     noise_ut = max(field.noise_ut for field in fields)
     variances = np.diag(np.linalg.inv(design.T @ design)) * max(misfit_ut, noise_ut) ** 2
 
@@ -119,6 +126,7 @@ def heading_from_field(
         # In axes that are level and have the base's heading, magnetic north lies at minus that heading.
         math.degrees(math.atan2(-east, north)) % 360.0,
         math.hypot(by_noise_deg, by_level_deg),
+        math.degrees(misfit_ut / horizontal_ut),
         (float(solution[2]), float(solution[3])),
         horizontal_ut,
         -up,
@@ -141,15 +149,16 @@ def heading_from_talker(readings: Sequence[HeadingsAtPan], level: BaseLevel) -> 
             f"its headings do not turn with the pan ({np.abs(off_deg).max():.0f} deg off)",
             "check that it sits on the pan stage and is calibrated, and [pan_tilt.pan] direction",
         )
+    pans = distinct_pans([reading.pan_deg for reading in readings])
     columns = [np.ones(len(off_deg))]
-    if len(off_deg) >= ANGLES_FOR_DEVIATION:
+    if pans >= ANGLES_FOR_DEVIATION:
         columns += [np.sin(np.radians(stage_deg)), np.cos(np.radians(stage_deg))]
     design = np.column_stack(columns)
     solution, *_ = np.linalg.lstsq(design, off_deg, rcond=None)
-    misfit_deg = _deviation(off_deg - design @ solution, unknowns=len(columns))
+    misfit_deg = _deviation(off_deg - design @ solution, pans - len(columns))
     noise_deg = max(_noise_of_mean_deg(reading.headings_deg) for reading in readings)
     variance = float(np.linalg.inv(design.T @ design)[0, 0]) * max(misfit_deg, noise_deg) ** 2
-    return CompassHeading((middle_deg + float(solution[0])) % 360.0, math.sqrt(variance))
+    return CompassHeading((middle_deg + float(solution[0])) % 360.0, math.sqrt(variance), misfit_deg)
 
 
 def true_heading(
@@ -159,6 +168,11 @@ def true_heading(
     to_true_deg = declination.declination_deg if declination else 0.0
     sigma_deg = min(math.hypot(bias_sigma_deg, heading.scatter_deg), 180.0)
     return TrueHeading((heading.heading_deg + to_true_deg) % 360.0, sigma_deg, declination)
+
+
+def distinct_pans(pans_deg: Sequence[float]) -> int:
+    """How many of the angles are apart from the one below."""
+    return 1 + int(np.count_nonzero(np.diff(np.sort(pans_deg)) > SAME_PAN_DEG))
 
 
 def circular_mean_deg(angles_deg: Sequence[float] | Vector) -> float:
@@ -184,9 +198,9 @@ def _noise_of_mean_deg(headings_deg: tuple[float, ...]) -> float:
     return float(off_deg.std()) / math.sqrt(len(headings_deg))
 
 
-def _deviation(residuals: Vector, unknowns: int) -> float:
-    """Standard deviation of residuals that so many unknowns were fitted to."""
-    return math.sqrt(float(residuals @ residuals) / max(len(residuals) - unknowns, 1))
+def _deviation(residuals: Vector, freedom: int) -> float:
+    """Standard deviation of residuals with so many degrees of freedom."""
+    return math.sqrt(float(residuals @ residuals) / max(freedom, 1))
 
 
 def _wrapped(angles_deg: Vector) -> Vector:

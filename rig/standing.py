@@ -1,4 +1,8 @@
-"""How the vehicle stands: level and heading of the base, measured by turning the head to several pan angles."""
+"""How the vehicle stands: level and heading of the base, measured by turning the head to several pan angles.
+
+The compass is read where pictures are taken, too: what the pan's encoder errs by there is in the heading as it is in the
+pictures' azimuths, and goes out of their sum.
+"""
 
 import math
 from collections.abc import Sequence
@@ -16,6 +20,8 @@ from rig.clock import utc_now
 from rig.config import CompassSection, Mmc5983maSection, NmeaCompassSection, Place, RigConfig
 from rig.connect import Rig
 from rig.declination import Declination, declination
+from rig.errors import ConfigError, DeviceError
+from rig.fault_notes import note_fault
 from rig.heading import (
     FieldAtPan,
     HeadingsAtPan,
@@ -30,21 +36,13 @@ from rig.measure import require_stood, still_level, utc_text
 from rig.pan_tilt import HeadState
 from rig.readings import FieldReading, HeadingReading
 
+CompassReading = FieldReading | HeadingReading
+
 READING_SHARE = 0.4  # of average_s at each pan angle: there are several of them
 NO_COMPASS = TrueHeading(0.0, NO_COMPASS_SIGMA_DEG, None)
-
-
-@dataclass(frozen=True)
-class Standing:
-    """Attitude of the base and what is known about its errors; ``raw`` and ``calibration`` for the bundle."""
-
-    attitude: Attitude
-    level: BaseLevel
-    heading: TrueHeading
-    raw: dict[str, Any]
-    calibration: dict[str, Any]
-    times: tuple[datetime, ...]
-    """When each stop was read."""
+HEADING_OF_STOPS = "heading from the stops before it"
+DISTURBED_DEG, DISTURBED_FACTOR = 2.0, 3.0
+"""Readings that fit together no better than that, and so much worse than those of the stops alone, were disturbed later."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +66,24 @@ class Stop:
     headings: tuple[HeadingReading, ...]
     utc: datetime
 
+    @property
+    def has_compass(self) -> bool:
+        """Whether the compass was read there."""
+        return self.field is not None or bool(self.headings)
+
+
+@dataclass(frozen=True)
+class Standing:
+    """Attitude of the base and what is known about its errors; ``raw`` and ``calibration`` for the bundle."""
+
+    attitude: Attitude
+    level: BaseLevel
+    heading: TrueHeading
+    raw: dict[str, Any]
+    calibration: dict[str, Any]
+    stops: tuple[Stop, ...]
+    """What level and heading were read at before any picture."""
+
 
 def measure_standing(rig: Rig) -> Standing:
     """Turn the head through the configured pan angles, at tilt 0, and read inclinometer and compass at each."""
@@ -76,9 +92,12 @@ def measure_standing(rig: Rig) -> Standing:
     return standing_from(rig.config, stops, rig.compass.identify() if rig.compass else None)
 
 
-def standing_from(config: RigConfig, stops: Sequence[Stop], compass: str | None) -> Standing:
-    """Attitude of the base from what was read at the stops; ``compass`` is the device's identity, for the record.
+def standing_from(
+    config: RigConfig, stops: Sequence[Stop], compass: str | None, views: Sequence[Stop] = ()
+) -> Standing:
+    """Attitude of the base: level from the ``stops``, heading from them and from the ``views``, where pictures were taken.
 
+    ``compass`` is the device's identity, for the record. A view at which it was not read says nothing of the heading.
     Without a compass the heading is 0 with a sigma of 180: azimuths then count from the vehicle's bow.
     """
     sigmas = LevelSigmas(
@@ -91,7 +110,7 @@ def standing_from(config: RigConfig, stops: Sequence[Stop], compass: str | None)
     heading: TrueHeading = NO_COMPASS
     details: dict[str, Any] | None = None
     if config.compass:
-        found, details = base_heading(config.compass, config.place, stops, level)
+        found, details = _heading_with_views(config.compass, config.place, stops, views, level)
         corrected_deg = (found.heading_deg + config.compass.heading_offset_deg) % 360.0
         heading = replace(found, heading_deg=corrected_deg)
     return Standing(
@@ -100,8 +119,35 @@ def standing_from(config: RigConfig, stops: Sequence[Stop], compass: str | None)
         heading,
         {"compass": compass, "stops": [stop_record(stop) for stop in stops]},
         {"level": asdict(level), "heading": asdict(heading), "compass": details},
-        tuple(stop.utc for stop in stops),
+        tuple(stops),
     )
+
+
+def _heading_with_views(
+    section: CompassSection,
+    place: Place | None,
+    stops: Sequence[Stop],
+    views: Sequence[Stop],
+    level: BaseLevel,
+) -> tuple[TrueHeading, dict[str, Any]]:
+    """``base_heading`` of all; of the stops alone, and noted, where what was read at the views cannot be right.
+
+    A capture was possible without the views, so they cannot spoil it.
+    """
+    alone = base_heading(section, place, stops, level)
+    read = [view for view in views if view.has_compass]
+    if not read:
+        return alone
+    try:
+        together = base_heading(section, place, [*stops, *read], level)
+    except (DeviceError, ConfigError) as error:
+        problem = error.problem if isinstance(error, DeviceError) else str(error)
+        note_fault("compass", problem, HEADING_OF_STOPS)
+        return alone
+    if together[1]["misfit_deg"] > max(DISTURBED_DEG, DISTURBED_FACTOR * alone[1]["misfit_deg"]):
+        note_fault("compass", "was disturbed while pictures were taken", HEADING_OF_STOPS)
+        return alone
+    return together
 
 
 def base_heading(
@@ -160,11 +206,34 @@ def read_stop(rig: Rig, joints: JointAngles, duration_s: float) -> Stop:
 def read_here(rig: Rig, state: HeadState, duration_s: float) -> Stop:
     """Read inclinometer and compass for so long where the head stands."""
     levelling = rig.readers.submit(still_level, rig, duration_s)
-    readings = retry(partial(rig.compass.read_many, duration_s)) if rig.compass else ()
+    readings: Sequence[CompassReading] = ()
+    if rig.compass:
+        readings = retry(partial(rig.compass.read_many, duration_s))
     level, _ = levelling.result()
+    return stop_of(state.ticks, JointAngles(state.pan_deg, state.tilt_deg), level, readings)
+
+
+def read_compass_beside(rig: Rig, duration_s: float) -> Sequence[CompassReading]:
+    """What the compass reads for so long while a picture is taken; nothing, and a note, where it fails.
+
+    It is tried again only as long as the inclinometer is read anyway: pictures do not wait for it.
+    """
+    if rig.compass is None:
+        return ()
+    try:
+        return retry(partial(rig.compass.read_many, duration_s), within_s=duration_s, replug_s=0.0)
+    except DeviceError as error:
+        note_fault(error.device, error.problem, HEADING_OF_STOPS)
+        return ()
+
+
+def stop_of(
+    ticks: tuple[int, int], joints: JointAngles, level: HeadLevel, readings: Sequence[CompassReading]
+) -> Stop:
+    """What was just read by the inclinometer and by whichever compass there is."""
     return Stop(
-        state.ticks,
-        JointAngles(state.pan_deg, state.tilt_deg),
+        ticks,
+        joints,
         level,
         mean_field([reading for reading in readings if isinstance(reading, FieldReading)]),
         tuple(reading for reading in readings if isinstance(reading, HeadingReading)),
@@ -190,11 +259,17 @@ def _in_passing(rig: Rig) -> list[float]:
 
 def stop_record(stop: Stop) -> dict[str, Any]:
     """A stop as JSON values: the head's average in head axes, the compass's in its own."""
-    record: dict[str, Any] = {
+    return {
         "time": utc_text(stop.utc),
         "ticks": list(stop.ticks),
         "inclinometer": asdict(stop.level),
+        **compass_record(stop),
     }
+
+
+def compass_record(stop: Stop) -> dict[str, Any]:
+    """What the compass read at a stop or at a picture, as JSON values; nothing where it was not read."""
+    record: dict[str, Any] = {}
     if stop.field:
         record["field_ut"] = list(stop.field.mean_ut)
         record["field_scatter_ut"] = list(stop.field.scatter_ut)

@@ -13,13 +13,13 @@ from rig.calibrate.figures import new_figure
 from rig.calibrate.horizon_profile import STEP_DEG, HorizonProfile, horizon_profile
 from rig.calibrate.place import KnownPlace, PlaceSigmas
 from rig.calibrate.session import Session
-from rig.calibrate.skyline_look import look_round, turned_meanwhile_deg
+from rig.calibrate.skyline_look import head_attitude, look_round, require_unmoved
 from rig.calibration import BoresightCalibration, Matrix
 from rig.config import RigConfig
 from rig.connect import connect
 from rig.directions import parse_direction
 from rig.kinematics import Attitude, wrapped_deg
-from rig.standing import measure_standing
+from rig.standing import measure_standing, standing_from
 
 Vector = NDArray[np.float64]
 
@@ -92,18 +92,18 @@ def measure_boresight(
     with connect(config) as rig:
         standing = measure_standing(rig)
         say(f"vehicle: heading {standing.attitude.azimuth_deg:.1f} +- {standing.heading.sigma_deg:.1f} deg")
-        frames = look_round(rig, standing, around, say)
-        turned_deg = turned_meanwhile_deg(standing, measure_standing(rig))
+        frames, views = look_round(rig, standing, around, say)
+        after = measure_standing(rig)
         device = rig.camera.identify()
-    # Two headings are better than one, and it is the whole of it that a bundle's azimuths are measured from.
+    require_unmoved(standing, after)
+    whole = standing_from(config, [*standing.stops, *after.stops], standing.raw["compass"], views)
     frames = [
-        replace(frame, head=replace(frame.head, azimuth_deg=frame.head.azimuth_deg + turned_deg / 2.0))
-        for frame in frames
+        replace(frame, head=head_attitude(whole, view)) for frame, view in zip(frames, views, strict=True)
     ]
     camera = config.camera
     start = Attitude(camera.boresight_azimuth_deg, camera.boresight_tilt_deg, camera.boresight_roll_deg)
     return (
-        fit_boresight(frames, profile, start, standing.heading.sigma_deg, sigmas),
+        fit_boresight(frames, profile, start, whole.heading.sigma_deg, sigmas),
         profile,
         device,
     )

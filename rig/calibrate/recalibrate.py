@@ -14,13 +14,13 @@ from localizer.bundle import Altitude, Bundle, Frame, frame_image, load_bundle
 from rig import derive
 from rig.accelerometer import AccelerometerCorrection
 from rig.attitude import HeadLevel, tilt_roll_deg
-from rig.bundle_writer import FrameRecord, Measurement, require_writable, write_bundle
+from rig.bundle_writer import Measurement, require_writable, write_bundle
 from rig.calibration import AppliedCalibration, CalibrationError, parse_calibration
 from rig.config import InclinometerSection, RigConfig, with_calibrations
-from rig.kinematics import Head, JointAngles
+from rig.kinematics import JointAngles
 from rig.measure import MeanPressure, altitude_from
 from rig.readings import HeadingReading
-from rig.standing import MeanField, Standing, Stop, standing_from
+from rig.standing import MeanField, Stop, standing_from
 
 Record = dict[str, Any]
 
@@ -79,7 +79,9 @@ def recorded_calibrations(files: Record) -> list[AppliedCalibration]:
 def _measurement(bundle: Bundle, config: RigConfig) -> Measurement:
     extra = bundle.model_extra or {}
     raw: Record = extra["raw"]
-    standing = standing_from(config, [_stop(record, config) for record in raw["stops"]], raw["compass"])
+    shots = [_shot(bundle, frame, config) for frame in bundle.frames]
+    stops = [_stop(record, config) for record in raw["stops"]]
+    standing = standing_from(config, stops, raw["compass"], [shot.stop for shot in shots])
     altitude = None
     if raw["altimeter"] is not None and config.altimeter is not None:
         read = altitude_from(_pressure(raw["altimeter"]), config.altimeter)
@@ -91,35 +93,27 @@ def _measurement(bundle: Bundle, config: RigConfig) -> Measurement:
         altitude=altitude,
         azimuth_bias_sigma_deg=derive.azimuth_bias_sigma_deg(config, standing),
         tilt_bias_sigma_deg=derive.tilt_bias_sigma_deg(config, standing),
-        frames=[_frame(bundle, frame, config, standing) for frame in bundle.frames],
+        frames=[derive.frame_record(config, standing, shot) for shot in shots],
         raw={**raw, "recalibrated_from": bundle.id},
         calibration=derive.calibration_record(config, standing),
     )
 
 
-def _frame(bundle: Bundle, frame: Frame, config: RigConfig, standing: Standing) -> FrameRecord:
+def _shot(bundle: Bundle, frame: Frame, config: RigConfig) -> derive.Shot:
     raw: Record = (frame.model_extra or {})["raw"]
     after = _joints(raw["ticks"], config)
     before = _joints(raw["ticks_before"] if "ticks_before" in raw else raw["ticks"], config)
     joints = JointAngles((before.pan_deg + after.pan_deg) / 2.0, (before.tilt_deg + after.tilt_deg) / 2.0)
-    level = _level(raw["inclinometer"], config.inclinometer)
-    pointing = derive.pointing(standing, joints, level, Head.from_config(config))
-    return FrameRecord(
-        label=frame.label,
-        image_bgr=frame_image(bundle, frame),
-        time=frame.time,
-        azimuth_deg=pointing.azimuth_deg,
-        azimuth_sigma_deg=config.pan_tilt.azimuth_sigma_deg,
-        tilt_deg=pointing.tilt_deg,
-        tilt_sigma_deg=derive.tilt_sigma_deg(config, level),
-        roll_deg=pointing.roll_deg,
-        roll_sigma_deg=derive.roll_sigma_deg(config, standing, level),
-        raw=raw,
-    )
+    stop = _read_at(raw, joints, frame.time, config)
+    return derive.Shot(frame.label, frame_image(bundle, frame), frame.time, stop, raw)
 
 
 def _stop(record: Record, config: RigConfig) -> Stop:
-    time = datetime.fromisoformat(record["time"])
+    return _read_at(record, _joints(record["ticks"], config), datetime.fromisoformat(record["time"]), config)
+
+
+def _read_at(record: Record, joints: JointAngles, time: datetime, config: RigConfig) -> Stop:
+    """What was read at a stop or at a picture. Bundles of old have no compass in the latter."""
     field = None
     if "field_ut" in record:
         field = MeanField(
@@ -134,7 +128,7 @@ def _stop(record: Record, config: RigConfig) -> Stop:
     )
     level = _level(record["inclinometer"], config.inclinometer)
     pan, tilt = record["ticks"]
-    return Stop((pan, tilt), _joints(record["ticks"], config), level, field, headings, time)
+    return Stop((pan, tilt), joints, level, field, headings, time)
 
 
 def _level(record: Record, section: InclinometerSection) -> HeadLevel:

@@ -15,7 +15,7 @@ from rig.config import CameraSection, RigConfig
 from rig.connect import Rig
 from rig.directions import Direction
 from rig.kinematics import Attitude, Head, JointAngles, body_attitude, head_rotation, wrapped_deg
-from rig.standing import Standing
+from rig.standing import Standing, Stop
 
 Vector = NDArray[np.float64]
 
@@ -28,8 +28,8 @@ LEANED_LIMIT_DEG = 0.1
 """By how much a vehicle that stands may seem to have moved, by the noise of compass and inclinometer."""
 
 
-def turned_meanwhile_deg(before: Standing, after: Standing) -> float:
-    """By how much the heading has changed. ``CalibrationError`` where the vehicle has moved between its pictures."""
+def require_unmoved(before: Standing, after: Standing) -> None:
+    """Raise ``CalibrationError`` where the vehicle has moved while its pictures were taken."""
     turned_deg = wrapped_deg(after.attitude.azimuth_deg - before.attitude.azimuth_deg)
     leaned_deg = max(
         abs(after.level.pitch_deg - before.level.pitch_deg), abs(after.level.roll_deg - before.level.roll_deg)
@@ -40,13 +40,12 @@ def turned_meanwhile_deg(before: Standing, after: Standing) -> float:
             f"boresight: the vehicle moved while it was measured (it turned by {abs(turned_deg):.2f} deg and leans "
             f"{leaned_deg:.2f} deg otherwise); let nobody get on or off, engine off, and calibrate again"
         )
-    return turned_deg
 
 
 def look_round(
     rig: Rig, standing: Standing, directions: Sequence[Direction], say: Callable[[str], None]
-) -> list[SkylineFrame]:
-    """In each direction a frame with the skyline in the middle, and one with it further up or down.
+) -> tuple[list[SkylineFrame], list[Stop]]:
+    """In each direction a frame with the skyline in the middle, and one with it further up or down; and what was read at each.
 
     A camera that looks aside in the head turns its picture when the head tilts, an error of the heading does not: frames at
     different tilts tell one from the other.
@@ -54,19 +53,22 @@ def look_round(
     config = rig.config
     head = Head.from_config(config)
     low_deg, high_deg = head.tilt_range_deg
-    frames = []
+    frames: list[SkylineFrame] = []
+    stops: list[Stop] = []
     for number, direction in enumerate(
         in_passing(directions, standing.attitude, head, rig.pan_tilt.state().pan_deg)
     ):
         view = look(rig, direction, standing, head)
         frames.append(skyline_frame(config, direction.label, standing, view, number))
+        stops.append(view.stop)
         here = view.state
         wanted_deg = here.tilt_deg + lean_deg(find_skyline(view.image_bgr), config.camera, number % 2 == 1)
         if low_deg <= wanted_deg <= high_deg:
             other = take_view(rig, JointAngles(here.pan_deg, wanted_deg), standing, head, [])
             frames.append(skyline_frame(config, f"{direction.label} tilted", standing, other, number))
+            stops.append(other.stop)
         say(f"{direction.label}: skyline in {view.skyline_share:.0%} of the columns")
-    return frames
+    return frames, stops
 
 
 def lean_deg(skyline: Skyline, camera: CameraSection, up: bool) -> float:
@@ -87,10 +89,6 @@ def lean_deg(skyline: Skyline, camera: CameraSection, up: bool) -> float:
 
 def skyline_frame(config: RigConfig, label: str, standing: Standing, view: View, stop: int) -> SkylineFrame:
     """A view as the fit takes it, from the pan's ``stop``."""
-    before, after = view.before, view.state
-    joints = JointAngles((before.pan_deg + after.pan_deg) / 2, (before.tilt_deg + after.tilt_deg) / 2)
-    azimuth_deg = body_attitude(head_rotation(standing.attitude, joints)).azimuth_deg
-    level = standing.level
     skyline = find_skyline(view.image_bgr)
     columns = np.arange(POINTS_APART_PX // 2, len(skyline.row_px), POINTS_APART_PX)
     sure = (skyline.state == ColumnState.OK) & (skyline.confidence >= CONFIDENT)
@@ -99,9 +97,7 @@ def skyline_frame(config: RigConfig, label: str, standing: Standing, view: View,
     sigma_px = np.maximum(skyline.sigma_px[columns], LEAST_SIGMA_PX)
     return SkylineFrame(
         label,
-        Attitude(
-            azimuth_deg, view.level.tilt_deg - level.tilt_zero_deg, view.level.roll_deg - level.roll_zero_deg
-        ),
+        head_attitude(standing, view.stop),
         rays,
         np.degrees(sigma_px / config.camera.fy_px),
         view.skyline_share,
@@ -109,3 +105,10 @@ def skyline_frame(config: RigConfig, label: str, standing: Standing, view: View,
         config.inclinometer.tilt_sigma_deg,
         stop,
     )
+
+
+def head_attitude(standing: Standing, stop: Stop) -> Attitude:
+    """How the head stood, by joints, heading and inclinometer."""
+    azimuth_deg = body_attitude(head_rotation(standing.attitude, stop.joints)).azimuth_deg
+    level, zero = stop.level, standing.level
+    return Attitude(azimuth_deg, level.tilt_deg - zero.tilt_zero_deg, level.roll_deg - zero.roll_zero_deg)

@@ -60,7 +60,7 @@ def torque_field(
 ) -> TorqueField:
     """The difference of the readings, but for the turn of a head that gave way when it was let go.
 
-    ``capture_angles`` is at how many pan angles a capture reads the compass.
+    ``capture_angles`` is at how many pan angles a capture reads the compass before its pictures.
     """
     hard_ut = np.array(stage_hard_ut)
     changes = []

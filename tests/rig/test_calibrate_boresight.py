@@ -1,20 +1,23 @@
 """The DEM's skyline says how the camera sits, and refuses a wrong place and a hidden ridge."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
+from fakes.whole_rig import FakeRig, running_rig
 
 from localizer.camera import camera_to_world
 from rig.attitude import BaseLevel
+from rig.calibrate.boresight import measure_boresight
 from rig.calibrate.boresight_fit import fit_boresight
 from rig.calibrate.horizon_profile import STEP_DEG, HorizonProfile
-from rig.calibrate.place import PlaceSigmas
+from rig.calibrate.place import KnownPlace, PlaceSigmas
 from rig.calibrate.skyline_frame import SkylineFrame
-from rig.calibrate.skyline_look import turned_meanwhile_deg
+from rig.calibrate.skyline_look import require_unmoved
 from rig.calibration import CalibrationError
 from rig.heading import TrueHeading
-from rig.kinematics import Attitude, body_rotation
+from rig.kinematics import Attitude, body_rotation, wrapped_deg
 from rig.standing import Standing
 
 AZIMUTHS_DEG = np.arange(0.0, 360.0, STEP_DEG)
@@ -112,11 +115,33 @@ def standing(heading_deg: float, pitch_deg: float) -> Standing:
     return Standing(level.attitude(heading_deg), level, heading, {}, {}, ())
 
 
-def test_two_headings_of_a_vehicle_that_stands_are_compared() -> None:
-    assert turned_meanwhile_deg(standing(359.9, 2.0), standing(0.1, 2.01)) == pytest.approx(0.2)
+def test_a_vehicle_that_stands_may_read_a_little_otherwise() -> None:
+    require_unmoved(standing(359.9, 2.0), standing(0.1, 2.01))
+
+
+def test_the_heading_is_of_the_stops_before_the_pictures_and_the_stops_after(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Three stops, two pictures of one direction, three stops: the compass turns by half a degree with the pictures."""
+    fitted: list[Any] = []
+    dem: Any = None
+    place = KnownPlace(47.0, 8.0, dem, 0.0, 0.0, 500.0)
+    monkeypatch.setattr("rig.calibrate.boresight.horizon_profile", lambda *_: None)
+    monkeypatch.setattr("rig.calibrate.boresight.fit_boresight", lambda *given: fitted.append(given))
+    rig = FakeRig(base=Attitude(30.0, 0.0, 0.0))
+    rig.compass_off_deg = lambda number: 0.5 if number > 3 else 0.0
+    with running_rig(monkeypatch, rig) as running:
+        measure_boresight(running.config(), place, SIGMAS, 1, lambda line: None)
+    found, _, _, sigma_deg, _ = fitted[0]
+    assert [frame.label for frame in found] == ["A000", "A000 tilted"]
+    nearest_tick_deg = round(-30.0 * 4096 / 360) * 360 / 4096
+    for frame in found:
+        heading_deg = wrapped_deg(frame.head.azimuth_deg - nearest_tick_deg)
+        assert 30.28 < heading_deg < 30.40, "30.25 is the mean of before and after"
+    assert sigma_deg > 1.0
 
 
 @pytest.mark.parametrize(("heading_deg", "pitch_deg"), [(31.5, 2.0), (30.0, 2.3)])
 def test_a_vehicle_that_moved_meanwhile_is_refused(heading_deg: float, pitch_deg: float) -> None:
     with pytest.raises(CalibrationError, match="the vehicle moved while it was measured"):
-        turned_meanwhile_deg(standing(30.0, 2.0), standing(heading_deg, pitch_deg))
+        require_unmoved(standing(30.0, 2.0), standing(heading_deg, pitch_deg))

@@ -121,7 +121,9 @@ def test_a_missing_or_misplaced_file_is_named(tmp_path: Path) -> None:
 def test_an_old_bundle_is_derived_anew_and_stays_itself(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with running_rig(monkeypatch, FakeRig()) as running:
+    rig = FakeRig()
+    rig.compass_off_deg = lambda number: 0.6 if number > 3 else 0.0
+    with running_rig(monkeypatch, rig) as running:
         old_dir = capture(running.config(), parse_directions(["N", "E"]), tmp_path / "old", Silent())
     before = (old_dir / "bundle.json").read_bytes()
     old = load_bundle(old_dir)
@@ -129,9 +131,10 @@ def test_an_old_bundle_is_derived_anew_and_stays_itself(
 
     same = load_bundle(recalibrate(old_dir, [], tmp_path / "same"))
     for frame, again in zip(old.frames, same.frames, strict=True):
-        assert wrapped_deg(again.azimuth_deg - frame.azimuth_deg) == pytest.approx(0.0, abs=0.002)
-        assert again.tilt_deg == pytest.approx(frame.tilt_deg, abs=0.002)
+        assert wrapped_deg(again.azimuth_deg - frame.azimuth_deg) == pytest.approx(0.0, abs=0.0001)
+        assert again.tilt_deg == pytest.approx(frame.tilt_deg, abs=0.0001)
         assert again.sha256 == frame.sha256
+    assert same.azimuth_bias_sigma_deg == pytest.approx(old.azimuth_bias_sigma_deg, abs=1e-6)
 
     new_dir = recalibrate(old_dir, files, tmp_path / "new")
     new = load_bundle(new_dir)
@@ -151,6 +154,23 @@ def test_an_old_bundle_is_derived_anew_and_stays_itself(
 
     twice = load_bundle(recalibrate(new_dir, [], tmp_path / "twice"))
     assert twice.frames[0].azimuth_deg == pytest.approx(new.frames[0].azimuth_deg, abs=1e-6)
+
+
+def test_a_bundle_from_before_the_compass_was_read_at_pictures_has_its_heading_from_the_stops(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = FakeRig()
+    rig.compass_off_deg = lambda number: 0.6 if number > 3 else 0.0
+    with running_rig(monkeypatch, rig) as running:
+        directory = capture(running.config(), parse_directions(["N", "E"]), tmp_path / "old", Silent())
+    content = json.loads((directory / "bundle.json").read_text())
+    assert content["calibration"]["heading"]["heading_deg"] > 30.1
+    for frame in content["frames"]:
+        for key in [key for key in frame["raw"] if key.startswith(("field_", "compass_"))]:
+            del frame["raw"][key]
+    (directory / "bundle.json").write_text(json.dumps(content))
+    again = json.loads((recalibrate(directory, [], tmp_path / "new") / "bundle.json").read_text())
+    assert again["calibration"]["heading"]["heading_deg"] == pytest.approx(30.0, abs=0.03)
 
 
 def test_a_bundle_without_raw_readings_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

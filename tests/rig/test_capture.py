@@ -16,7 +16,7 @@ from localizer.bundle import load_bundle
 from localizer.horizon.from_image import ColumnState, Skyline, find_skyline
 from rig.capture import CaptureError, capture, in_passing
 from rig.directions import parse_directions
-from rig.errors import DeviceError, GoalError
+from rig.errors import DeviceError, GoalError, LostPortError
 from rig.kinematics import Attitude, Head, JointAngles, camera_pointing, wrapped_deg
 
 NOWHERE = Attitude(0.0, 0.0, 0.0)
@@ -102,6 +102,53 @@ def test_what_it_was_derived_from_is_kept(running: RunningRig, tmp_path: Path) -
     assert calibration["compass"]["heading_deg"] == pytest.approx(17.0, abs=0.2)
     assert "bundle_dir" not in calibration["configuration"]["rig"]
     assert "source" not in calibration["configuration"]["camera"]
+
+
+def test_the_heading_is_of_the_stops_and_of_the_pictures_together(
+    running: RunningRig, tmp_path: Path
+) -> None:
+    """The compass turns after the three stops: as if the pan had been read wrongly at the four pictures."""
+    running.rig.base = Attitude(20.0, 0.0, 0.0)
+    running.rig.horizon_deg = lambda azimuth_deg: 3.0 + 2.0 * np.sin(np.radians(azimuth_deg * 7.0))
+    running.rig.compass_off_deg = lambda number: 0.7 if number > 3 else 0.0
+    content = json.loads((take(running, tmp_path, "N,E,S,W") / "bundle.json").read_text())
+    heading_deg = content["calibration"]["heading"]["heading_deg"]
+    assert heading_deg == pytest.approx(20.0 + 0.7 * 4 / 7, abs=0.05)
+    for frame in content["frames"]:
+        assert np.linalg.norm(frame["raw"]["field_ut"]) == pytest.approx(math.hypot(22.0, 43.0), abs=1e-6)
+        pan_deg = (frame["raw"]["ticks"][0] - 2048) * 360 / 4096
+        assert wrapped_deg(frame["azimuth_deg"] - pan_deg - heading_deg) == pytest.approx(0.0, abs=0.01)
+
+
+def test_a_compass_that_fails_while_a_picture_is_taken_is_noted_and_the_capture_goes_on(
+    running: RunningRig, tmp_path: Path
+) -> None:
+    def fail_at_the_second(number: int) -> float:
+        if number == 5:
+            raise DeviceError("compass", "has gone mad", "calm it")
+        return 0.0
+
+    running.rig.compass_off_deg = fail_at_the_second
+    content = json.loads((take(running, tmp_path, "N,E,S") / "bundle.json").read_text())
+    assert sorted("field_ut" in frame["raw"] for frame in content["frames"]) == [False, True, True]
+    (note,) = content["raw"]["faults"]
+    assert (note["problem"], note["action"]) == ("has gone mad", "heading from the stops before it")
+    assert content["calibration"]["heading"]["heading_deg"] == pytest.approx(30.0, abs=0.1)
+
+
+def test_pictures_do_not_wait_for_a_compass_that_is_gone(running: RunningRig, tmp_path: Path) -> None:
+    def gone(number: int) -> float:
+        if number > 3:
+            raise LostPortError("compass", "was pulled out", "plug it in")
+        return 0.0
+
+    running.rig.compass_off_deg = gone
+    begun_s = time.monotonic()
+    content = json.loads((take(running, tmp_path, "N,E,S,W") / "bundle.json").read_text())
+    assert time.monotonic() - begun_s < 15.0, "a lost port is waited for 5 s where nothing goes on without it"
+    assert not any("field_ut" in frame["raw"] for frame in content["frames"])
+    assert {(note["problem"], note["count"]) for note in content["raw"]["faults"]} == {("was pulled out", 4)}
+    assert content["calibration"]["heading"]["heading_deg"] == pytest.approx(30.0, abs=0.1)
 
 
 def test_a_high_skyline_is_followed_upwards(running: RunningRig, tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """Heading of the base from a compass on the pan stage, and its declination."""
 
+from dataclasses import replace
 from datetime import UTC, datetime
 
 import numpy as np
@@ -100,6 +101,44 @@ def test_noise_and_level_show_in_the_scatter() -> None:
     assert shaky.scatter_deg == pytest.approx(0.5 * 43 / 22, rel=0.01)
 
 
+def test_more_angles_make_a_surer_heading() -> None:
+    base = Attitude(80.0, 0.0, 0.0)
+    few, many = PANS_DEG, (*PANS_DEG, -171.0, -81.0, 9.0, 99.0)
+    errors_deg, told_deg = [], []
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        for pans_deg in (few, many):
+            off_deg = rng.normal(0.0, 0.03, len(pans_deg))
+            read = [
+                FieldAtPan(f.pan_deg + off, f.mean_ut, f.noise_ut)
+                for f, off in zip(fields(base, pans_deg), off_deg, strict=True)
+            ]
+            found = heading_from_field(read, standing(0.0, 0.0))
+            errors_deg.append(found.heading_deg - 80.0)
+            told_deg.append(found.scatter_deg)
+    error, told = (np.sqrt(np.square(x).reshape(-1, 2).mean(axis=0)) for x in (errors_deg, told_deg))
+    assert error[1] < 0.8 * error[0]
+    assert told == pytest.approx(error, rel=0.35)
+
+
+def test_the_same_angle_twice_makes_no_heading_surer() -> None:
+    base = Attitude(80.0, 0.0, 0.0)
+    off_deg = (0.05, -0.03, 0.02, -0.06)
+    read = [FieldAtPan(f.pan_deg + off, f.mean_ut, 0.0) for f, off in zip(fields(base), off_deg, strict=True)]
+    once, twice = (heading_from_field(read * times, standing(0.0, 0.0)) for times in (1, 2))
+    assert once.scatter_deg > 0.01
+    assert twice.scatter_deg == pytest.approx(once.scatter_deg)
+    said = [replace(h, pan_deg=h.pan_deg + off) for h, off in zip(talks(base), off_deg, strict=True)]
+    once_said, twice_said = (heading_from_talker(said * times, standing(0.0, 0.0)) for times in (1, 2))
+    assert once_said.scatter_deg > 0.01
+    assert twice_said.scatter_deg == pytest.approx(once_said.scatter_deg)
+
+
+def test_three_angles_of_a_talker_and_one_of_them_again_are_averaged() -> None:
+    three = talks(Attitude(10.0, 0.0, 0.0), (-120.0, 0.0, 120.0), 3.0)
+    assert heading_from_talker([*three, three[1]], standing(0.0, 0.0)).scatter_deg > 0.5
+
+
 def test_a_field_that_is_not_the_earths() -> None:
     magnet = [FieldAtPan(f.pan_deg, f.mean_ut * 5.0, 0.0) for f in fields(Attitude(0.0, 0.0, 0.0))]
     with pytest.raises(
@@ -141,10 +180,10 @@ def test_mean_of_directions_across_north() -> None:
 
 
 def test_true_heading_adds_declination_and_trust() -> None:
-    heading = true_heading(CompassHeading(355.0, 0.3), 0.4, Declination(13.0, "configuration"))
+    heading = true_heading(CompassHeading(355.0, 0.3, 0.0), 0.4, Declination(13.0, "configuration"))
     assert heading.heading_deg == pytest.approx(8.0)
     assert heading.sigma_deg == pytest.approx(0.5)
-    assert true_heading(CompassHeading(355.0, 0.0), 1.0, None).heading_deg == 355.0
+    assert true_heading(CompassHeading(355.0, 0.0, 0.0), 1.0, None).heading_deg == 355.0
 
 
 @pytest.mark.parametrize(

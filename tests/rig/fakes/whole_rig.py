@@ -37,7 +37,10 @@ def rolling_hills_deg(azimuth_deg: np.ndarray) -> np.ndarray:
 
 @dataclass
 class FakeRig:
-    """The truth, and switches that break things. ``before_reading`` is called before each inclinometer reading."""
+    """The truth, and switches that break things. ``before_reading`` is called before each inclinometer reading.
+
+    ``compass_off_deg`` says by how much the compass is turned the so manieth time that it is read, from 1 on; it may raise.
+    """
 
     base: Attitude = field(default_factory=lambda: Attitude(30.0, 3.0, -2.0))
     boresight: Attitude = field(default_factory=lambda: Attitude(0.0, 0.0, 0.0))
@@ -47,6 +50,8 @@ class FakeRig:
     swing_until_s: float = 0.0
     pressure_hpa: float = 950.0
     before_reading: Callable[[], None] = field(default=lambda: None)
+    compass_off_deg: Callable[[int], float] = field(default=lambda number: 0.0)
+    compass_readings: int = 0
     pan: FakeServo = field(default_factory=lambda: FakeServo(1))
     tilt: FakeServo = field(default_factory=lambda: FakeServo(2))
     readings_taken: int = 0
@@ -108,7 +113,8 @@ class FakeInclinometer(FakeSensor):
 
 class FakeCompass(FakeSensor):
     def read_many(self, duration_s: float) -> list[FieldReading]:
-        d = np.radians(DECLINATION_DEG)
+        self.rig.compass_readings += 1
+        d = np.radians(DECLINATION_DEG - self.rig.compass_off_deg(self.rig.compass_readings))
         field_ut = np.array([22.0 * np.sin(d), 22.0 * np.cos(d), -43.0])
         x, y, z = pan_stage_rotation(self.rig.base, self.rig.joints().pan_deg).T @ field_ut
         return [FieldReading(x, y, z, (0.0, 0.0, 0.0), 20.0, time.monotonic(), datetime.now(UTC))] * 3
