@@ -41,6 +41,7 @@ class Terrain:
     ``row_blocks`` has, for each size in BLOCKS one after the other, a flattened matrix: at (i, j) the highest cell that a ray
     can meet while its row runs through block i, having entered it in the columns of block j, the neighbours of j included.
     ``col_blocks`` likewise, rows and columns exchanged.
+    ``half_cell_relief_m`` (rows, cols) is by how much the ground may differ half a cell away.
     ``drop_per_m2`` is (1 - k) / (2 R). ``roughness`` (rows, cols) is how much the surface bends from cell to cell (second
     differences), in terms of its mean over the DEM, ``mean_bend_m``: what a DEM says between and at its cells is the less
     certain, the more the terrain bends there.
@@ -50,6 +51,7 @@ class Terrain:
     frames: LatticeFrames
     height_m: Heights
     cell_ceiling_m: Heights
+    half_cell_relief_m: Heights
     row_blocks: Heights
     col_blocks: Heights
     highest_m: float
@@ -84,6 +86,7 @@ def prepare_terrain(dem: Dem, refraction: float = REFRACTION) -> Terrain:
         frames=lattice_frames(dem),
         height_m=np.ascontiguousarray(height),
         cell_ceiling_m=_cell_ceilings(height),
+        half_cell_relief_m=half_cell_relief_m(height),
         row_blocks=_block_maxima(height),
         col_blocks=_block_maxima(np.ascontiguousarray(height.T)),
         highest_m=float(height.max()),
@@ -91,6 +94,19 @@ def prepare_terrain(dem: Dem, refraction: float = REFRACTION) -> Terrain:
         roughness=np.minimum(bend_m / max(mean_bend_m, 1e-3), LARGEST_ROUGHNESS),
         mean_bend_m=mean_bend_m,
     )
+
+
+def half_cell_relief_m(height_m: Heights) -> Heights:
+    """By how much the ground may differ half a cell away: half the largest step to a neighbour, (rows, cols)."""
+    ground = np.where(height_m > VOID_M, height_m, np.nan)
+    steps = np.zeros_like(ground)
+    for axis in (0, 1):
+        difference = np.abs(np.diff(ground, axis=axis))
+        difference = np.where(np.isfinite(difference), difference, 0.0)
+        before = np.pad(difference, [(1, 0) if a == axis else (0, 0) for a in (0, 1)])
+        after = np.pad(difference, [(0, 1) if a == axis else (0, 0) for a in (0, 1)])
+        steps = np.maximum(steps, np.maximum(before, after))
+    return np.asarray(0.5 * steps, np.float32)
 
 
 def _bend_m(z_m: NDArray[np.float32]) -> Heights:

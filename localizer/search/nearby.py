@@ -65,7 +65,8 @@ def best_nearby(problems: Problems, start: Refined, largest: float) -> Refined:
     ]
     fits = _looked_about(problems, found, noises, largest, settle=True)
     if max(fit.evidence for fit in [found, *fits]) < HOPELESS_EVIDENCE:
-        return found
+        thinned = len(problems.full.sigma_rad) / len(problems.middle.sigma_rad)
+        return replace(found, correlation_columns=found.correlation_columns * thinned)
     starts = distinct([found, *sorted(fits, key=lambda r: r.fit_cost)], LOOK_ABOUT_CELLS[1])[:FINALISTS]
     finals = [_settled(problems.fine, start, largest) for start in starts]
     strictly: list[Refined] = []

@@ -202,7 +202,9 @@ def _result(
         prior_chi2=float((misfit**2).sum()),
         residual_px=residual_px,
         misfit_per_column=float(surprises.mean()),
-        evidence=evidence_over_chance(problem, here, sigma),
+        evidence=evidence_over_chance(
+            problem, here, sigma, residual_sigma(problem, here, 0.0), noise.correlation_columns
+        ),
         error_model=noise.model,
     )
 

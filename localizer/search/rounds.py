@@ -6,7 +6,6 @@ from numpy.typing import NDArray
 from localizer.horizon.from_terrain import Terrain
 from localizer.observation import Observation
 from localizer.search.contours import MeasuredSkyline
-from localizer.search.stage1 import half_cell_relief
 from localizer.search.stage2 import Scored, search_stage2
 
 Floats = NDArray[np.float64]
@@ -29,7 +28,7 @@ def likeliest_cells(
     offsets: Floats,
 ) -> Scored:
     """The best of the cells (n, 2): few columns for all of them, many for the best of these."""
-    relief = half_cell_relief(terrain.height_m)
+    relief = terrain.half_cell_relief_m
     if len(offsets) > 1 and offsets[1] - offsets[0] > HEADING_STEP_DEG:
         offsets = np.arange(offsets[0], offsets[-1], HEADING_STEP_DEG)
 

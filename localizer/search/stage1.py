@@ -92,7 +92,7 @@ def search_stage1(
     allowed: NDArray[np.bool_] | None = None,
 ) -> Stage1:
     """Cut the whole DEM, or the cells ``allowed`` (rows, cols) in it, down to those that can see all central heights."""
-    relief = half_cell_relief(terrain.height_m)
+    relief = terrain.half_cell_relief_m
     ground = terrain.height_m
     cells = int(np.count_nonzero(ground > VOID_M))
     possible = ground > VOID_M
@@ -134,19 +134,6 @@ def search_stage1(
         mask = left[keep]
         explored += int(points.sum())
     return Stage1(cells, survivors, explored)
-
-
-def half_cell_relief(height_m: Heights) -> Heights:
-    """By how much the ground may differ half a cell away: half the largest step to a neighbour, (rows, cols)."""
-    ground = np.where(height_m > VOID_M, height_m, np.nan)
-    steps = np.zeros_like(ground)
-    for axis in (0, 1):
-        difference = np.abs(np.diff(ground, axis=axis))
-        difference = np.where(np.isfinite(difference), difference, 0.0)
-        before = np.pad(difference, [(1, 0) if a == axis else (0, 0) for a in (0, 1)])
-        after = np.pad(difference, [(0, 1) if a == axis else (0, 0) for a in (0, 1)])
-        steps = np.maximum(steps, np.maximum(before, after))
-    return np.asarray(0.5 * steps, np.float32)
 
 
 @kernel(parallel=True)

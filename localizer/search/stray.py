@@ -15,6 +15,8 @@ APART_SIGMAS = 3.0
 """What is seen in a column tells two heights apart that differ by as many of its standard deviations."""
 STRAY_RAD = np.radians(15.0)
 """How much of the horizon a cloud or a tree hides."""
+MEDIAN_VARIANCE = 0.5 * np.pi
+"""Of a median, in terms of the mean's, for Gaussian errors."""
 STRAY_SHARE = 0.1
 """Stretches that show something else than the terrain's skyline, to be expected anywhere."""
 
@@ -68,11 +70,15 @@ def stray_loss(problem: Problem, here: Evaluation, sigma: Floats) -> float:
     return float(lost.sum() / (problem.block_columns * STRAY_RAD / BLOCK_RAD))
 
 
-def evidence_over_chance(problem: Problem, here: Evaluation, sigma: Floats) -> float:
+def evidence_over_chance(
+    problem: Problem, here: Evaluation, sigma: Floats, white: Floats, correlation_columns: float
+) -> float:
     """Logarithm of how much likelier the contours are from this place than from an unrelated one.
 
     From an unrelated place a skyline is off by CHANCE_RAD, and by about the same over a BLOCK_RAD of the horizon: each block is
-    one witness. It may be a stray one, no matter where the camera stands; then it speaks neither for the place nor against it.
+    one witness, which has to agree with its middle and column by column. Of the columns' ``sigma`` (n,) what is ``white`` (n,)
+    averages out in the middle as far as neighbouring columns are not correlated, the DEM's error does not. A block may be a
+    stray one, no matter where the camera stands; then it speaks neither for the place nor against it.
     """
     normalised, telling = here.residual / sigma, telling_columns(here, sigma)
     total = 0.0
@@ -80,8 +86,14 @@ def evidence_over_chance(problem: Problem, here: Evaluation, sigma: Floats) -> f
         known = block[telling[block]]
         if len(known) == 0:
             continue
-        size = float(np.median(np.abs(normalised[known])))
-        likelier = CHANCE_RAD / np.exp(np.log(sigma[known]).mean()) * np.exp(-0.5 * (size / 0.6745) ** 2)
+        witnesses = max(1.0, len(known) / max(1.0, correlation_columns))
+        shared = np.sqrt(
+            1.0 - (white[known] / sigma[known]) ** 2 * (1.0 - min(1.0, MEDIAN_VARIANCE / witnesses))
+        )
+        middle = float(np.median(normalised[known] / shared))
+        size = float(np.median(np.abs(normalised[known]))) / 0.6745
+        off = max(abs(middle), size)
+        likelier = CHANCE_RAD / np.exp(np.log(sigma[known] * shared).mean()) * np.exp(-0.5 * off**2)
         total += (
             len(known) / problem.block_columns * float(np.log((1.0 - STRAY_SHARE) * likelier + STRAY_SHARE))
         )

@@ -18,7 +18,7 @@ from localizer.dem import load_dem
 from localizer.fix import Fix
 from localizer.geodesy import rowcol_to_lonlat
 from localizer.horizon.from_image import ColumnState, Skyline
-from localizer.horizon.from_terrain import Terrain, horizon, prepare_terrain
+from localizer.horizon.from_terrain import Terrain, half_cell_relief_m, horizon, prepare_terrain
 from localizer.locate import locate
 from localizer.locate import observe as observation_of
 from localizer.observation import FrameObservation, Observation, PriorCircle
@@ -27,7 +27,7 @@ from localizer.search.noise import Noise, usual_noise
 from localizer.search.places_around import places_around
 from localizer.search.problem import Problem
 from localizer.search.refine import Refined, refine
-from localizer.search.stage1 import bands, half_cell_relief, heading_offsets_deg, search_stage1
+from localizer.search.stage1 import bands, heading_offsets_deg, search_stage1
 from localizer.track.report import step_text, track_line
 from localizer.track.tracker import Tracker, follow
 
@@ -148,7 +148,7 @@ def test_heading_hypotheses_cover_three_sigma_and_fit_the_mask():
 
 
 def test_half_a_cell_away_the_ground_differs_by_half_a_step():
-    relief = half_cell_relief(np.array([[0.0, 10.0, 10.0], [0.0, 10.0, 14.0]], np.float32))
+    relief = half_cell_relief_m(np.array([[0.0, 10.0, 10.0], [0.0, 10.0, 14.0]], np.float32))
     assert relief == pytest.approx(np.array([[5.0, 5.0, 2.0], [5.0, 5.0, 2.0]]))
 
 

@@ -1,24 +1,30 @@
 """Which columns speak for or against a place where something stands near."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from localizer.search.residuals import Evaluation
-from localizer.search.stray import surprise, telling_columns
+from localizer.search.stray import evidence_over_chance, surprise, telling_columns
 
 SIGMA_RAD = 1e-3
 
 
 def column(residual_rad: float, near: bool, above_rad: float = 0.0) -> Evaluation:
-    one = np.ones(1)
+    return columns(np.array([residual_rad]), near, above_rad)
+
+
+def columns(residual_rad: np.ndarray, near: bool = False, above_rad: float = 0.0) -> Evaluation:
+    one = np.ones(len(residual_rad))
     return Evaluation(
-        residual=np.array([residual_rad]),
-        jacobian=np.zeros((1, 8)),
+        residual=residual_rad,
+        jacobian=np.zeros((len(one), 8)),
         distance=1000.0 * one,
-        near=np.array([near]),
-        above=np.array([above_rad]),
+        near=np.full(len(one), near),
+        above=above_rad * one,
         guess_m=1000.0 * one,
-        slope=np.zeros(1),
+        slope=0.0 * one,
         dem_error_share=one,
         ground_m=0.0,
         ground_gradient=np.zeros(2),
@@ -67,3 +73,34 @@ def test_an_undecided_column_costs_what_a_telling_one_would():
 def test_a_hidden_column_costs_the_same_however_high_what_hides_it_is():
     low, high = (column(s * SIGMA_RAD, near=True, above_rad=25.0 * SIGMA_RAD) for s in (20.0, 40.0))
     assert cost(low) == cost(high) > 0.0
+
+
+BLOCKS, IN_EACH = 44, 46
+NOISE_RAD = np.radians(0.7)
+
+
+def evidence(residual_rad: np.ndarray, white_rad: float, correlation_columns: float) -> float:
+    """Of blocks (n, k) whose columns are uncertain by NOISE_RAD, ``white_rad`` of it from the contour."""
+    n, k = residual_rad.shape
+    problem = SimpleNamespace(blocks=np.split(np.arange(n * k), n), block_columns=k)
+    sigma, white = np.full(n * k, NOISE_RAD), np.full(n * k, white_rad)
+    return evidence_over_chance(problem, columns(residual_rad.ravel()), sigma, white, correlation_columns)  # type: ignore[arg-type]
+
+
+def noise(shape: tuple[int, ...], size_rad: float = NOISE_RAD) -> np.ndarray:
+    return np.random.default_rng(1).normal(0.0, size_rad, shape)
+
+
+def test_noise_that_differs_from_column_to_column_averages_out_of_the_evidence():
+    seen = noise((BLOCKS, IN_EACH))
+    by_columns = evidence(seen, NOISE_RAD, 1.0)
+    assert by_columns > 2.0 * evidence(seen, 0.0, 1.0), "the DEM's error does not average out"
+    assert by_columns > 2.0 * evidence(seen, NOISE_RAD, float(IN_EACH)), "nor does what neighbours share"
+
+
+def test_stretches_that_are_off_together_by_one_columns_noise_speak_for_no_place():
+    apart = np.repeat(noise((BLOCKS, 1)), IN_EACH, axis=1)
+    assert evidence(apart, NOISE_RAD, float(IN_EACH)) > 20.0, (
+        "as far as neighbours are known to share their noise"
+    )
+    assert evidence(apart + noise((BLOCKS, IN_EACH)), NOISE_RAD, 1.0) < 0.0
