@@ -2,6 +2,7 @@
 
 import base64
 import json
+import struct
 from collections import defaultdict
 from pathlib import Path
 
@@ -107,7 +108,7 @@ def test_a_file_that_was_cut_off_is_read_as_far_as_it_goes(
     content = recorded.read_bytes()
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(content[: int(len(content) * kept)])
-    with pytest.raises((McapError, ValueError)), cut.open("rb") as file:
+    with pytest.raises((McapError, ValueError, struct.error)), cut.open("rb") as file:
         make_reader(file).get_summary()
     read = TelemetryFile(cut)
     found = [m.message.data for m in read if m.topic == "/altimeter"]
