@@ -1,5 +1,6 @@
 """One capture of the daemon: room in the spool, all devices, a bundle or the reason why there is none."""
 
+import logging
 import time
 from collections.abc import Callable
 
@@ -129,14 +130,14 @@ class Captures:
                 self._odometer.lose()
             return None
 
-    def _ended(self, stage: str, source: TriggerSource, reason: str) -> None:
+    def _ended(self, stage: str, source: TriggerSource, reason: str, level: int = logging.ERROR) -> None:
         self._board.count(f"captures {stage}")
         self._board.tell("capture", stage=stage, trigger=source, reason=reason)
-        _log.error(f"capture {stage}", trigger=source, reason=reason)
+        _log.log(level, f"capture {stage}", trigger=source, reason=reason)
 
     def interrupted(self, source: TriggerSource) -> None:
-        """Say that there is no bundle, for the daemon ends."""
-        self._ended("interrupted", source, "the daemon ends")
+        """Say that there is no bundle, for the daemon ends; that was asked for, and is no error."""
+        self._ended("interrupted", source, "the daemon ends", logging.WARNING)
 
     def _make_safe(self, source: TriggerSource) -> None:
         """The stop came at any moment: see to it that the head is let go, and that a bundle that is complete is known."""

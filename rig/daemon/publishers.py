@@ -25,7 +25,8 @@ def publish(
         from rig.daemon.nmea import publishing as publishing_nmea
 
         nmea = stack.enter_context(publishing_nmea(run.nmea, board, loops))
-        _log.info("NMEA", tcp=nmea.tcp and "{}:{}".format(*nmea.tcp), udp=list(run.nmea.udp))
+        where = {"tcp": nmea.tcp and "{}:{}".format(*nmea.tcp), "udp": ",".join(run.nmea.udp)}
+        _log.info("NMEA", **{how: to for how, to in where.items() if to})
     if run.mavlink:
         from rig.daemon.mavlink import publishing as publishing_mavlink
 

@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
+import structlog
+
 from rig.config import RigConfig
 from rig.daemon.board import Board
 from rig.daemon.captures import Captures
@@ -25,6 +27,8 @@ from rig.daemon.search_process import SearchProcess
 from rig.daemon.spool import ODOMETER, Spool
 from rig.daemon.stopping import Signals
 from rig.daemon.triggers import Triggers
+
+_log = structlog.get_logger(__name__)
 
 END_S = 3.0
 """Loops that have not ended by then when the daemon ends, end with the process."""
@@ -85,6 +89,7 @@ def session(config: RigConfig, shared: Shared, started: Callable[[], None]) -> R
             stack.callback(odometer.take_back)  # a capture that the end interrupts
             listener = OdometryListener(run.odometry, odometer, board.set_moving)
             stack.callback(listener.close)
+            _log.info("odometry", udp="{}:{}".format(*listener.address))
             loops.append(("odometry", listener.run, USUAL_BEAT_S))
         publish(stack, run, board, triggers, spool, shared.loops)
         captures = Captures(config, board, spool, shared.signals, hardware, watch, odometer)

@@ -1,10 +1,16 @@
 """The board as JSON values and as lines for people."""
 
+import math
 from typing import Any
+
+import numpy as np
 
 from rig.daemon.board import Answer, Snapshot
 from rig.measure import utc_text
 from rig.readings import Instant
+
+BEGINNING = "starting", "connecting"
+"""While it does this, no device has failed yet that does not work."""
 
 
 def status_json(snapshot: Snapshot) -> dict[str, Any]:
@@ -53,16 +59,32 @@ def answer_json(answer: Answer | None, now: Instant) -> dict[str, Any] | None:
 
 def status_text(status: dict[str, Any]) -> str:
     """What ``rig status`` prints of the same."""
-    lines = [f"{status['activity']}{', degraded' if status['degraded'] else ''}; {status['waiting']} waiting"]
+    doing = [status["activity"]]
+    if status["degraded"] and status["activity"] not in BEGINNING:
+        doing.append("degraded")
+    if status["locating"]:
+        doing.append(f"locating {status['locating']}")
+    doing.append(f"{status['waiting'] or 'nothing'} to locate")
+    lines = [", ".join(doing)]
     for device in status["devices"]:
-        lines.append(f"{device['name']:13} {device['state']:10} {device['detail']}")
-    last = status["last"]
-    if last is None:
-        lines.append("no answer yet")
-    else:
-        fix = last["fix"]
-        place = fix["position"]
-        where = f"  {place['lat_deg']:.6f}, {place['lon_deg']:.6f}" if place else ""
-        lines.append(f"{last['bundle']}: {fix['status']}{where}, {last['age_s']:.0f} s old")
-    lines += [f"{name:30} {count}" for name, count in status["counts"].items()]
+        lines.append(f"{device['name']:13} {device['state']:10} {device['detail']}".rstrip())
+    last, last_fix = status["last"], status["last_fix"]
+    lines.append(f"last answer   {_answer_text(last) if last else 'none since the start'}")
+    if last_fix and last_fix["bundle"] != last["bundle"]:
+        lines.append(f"last fix      {_answer_text(last_fix)}")
+    lines.append(f"since the start at {status['started']}")
+    lines += [f"  {name:28} {count}" for name, count in status["counts"].items()]
     return "\n".join(lines)
+
+
+def _answer_text(answer: dict[str, Any]) -> str:
+    """``fix 37.307012, -122.215437, sigma 0.9 m, 17 s old; 20261126T124006Z-e891``: the ellipse's longer semi-axis."""
+    fix = answer["fix"]
+    parts = [fix["status"]]
+    if fix["status"] == "ambiguous":
+        parts.append(f"{len(fix['candidates'])} places")
+    elif fix["position"]:
+        parts[0] += f" {fix['position']['lat_deg']:.6f}, {fix['position']['lon_deg']:.6f}"
+        parts.append(f"sigma {math.sqrt(np.linalg.eigvalsh(fix['covariance_m2'])[-1]):.1f} m")
+    parts.append(f"{answer['age_s']:.0f} s old")
+    return f"{', '.join(parts)}; {answer['bundle']}"

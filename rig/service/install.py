@@ -71,9 +71,7 @@ def install(root: Path, *, dry_run: bool, force: bool, say: Say) -> None:
     say("")
     say("next:")
     if hindrance:
-        say(
-            f"  {hindrance}: the service could not start it from there; install skyfix into /opt/skyfix for that"
-        )
+        say(f"  {hindrance} and could not be started from there; install skyfix into /opt/skyfix for that")
     if not (root / CONFIGURATION.relative_to("/")).exists():
         say(
             f"  cp /etc/skyfix/vehicle.example.toml {CONFIGURATION}    and adapt it; rig check --config {CONFIGURATION}"

@@ -12,10 +12,12 @@ from pathlib import Path
 
 import pytest
 import structlog
+from fakes import located
 
 from rig.daemon.board import Board
 from rig.daemon.control import ControlError, ControlSocket, ask
 from rig.daemon.log import logging_to
+from rig.daemon.status import status_json, status_text
 from rig.daemon.stopping import Signals, StopRequestedError
 from rig.daemon.triggers import Triggers
 
@@ -51,6 +53,37 @@ class TestLog:
             "log",
             {"level": "warning", "text": "warning: device fails device=camera"},
         )
+
+
+class TestStatus:
+    def text(self, board: Board) -> list[str]:
+        return status_text(status_json(board.snapshot())).splitlines()
+
+    def test_what_has_not_been_tried_yet_has_not_failed(self) -> None:
+        board = Board()
+        board.set_device("camera", "connecting", "")
+        board.set_activity("connecting")
+        assert self.text(board)[:3] == [
+            "connecting, nothing to locate",
+            "camera        connecting",
+            "last answer   none since the start",
+        ]
+        board.set_activity("idle")
+        board.set_device("camera", "failing", "gone")
+        assert self.text(board)[0] == "idle, degraded, nothing to locate"
+
+    def test_a_fix_has_its_uncertainty_and_stays_behind_an_answer_that_is_none(self) -> None:
+        board = Board()
+        board.set_answer(located.answer_of("a", age_s=100.0))
+        board.set_answer(located.answer_of("b", "ambiguous", age_s=50.0))
+        board.set_locating("c")
+        board.set_waiting(2)
+        first, last, fix, *counts = self.text(board)
+        assert first == "starting, locating c, 2 to locate"
+        assert last == "last answer   ambiguous, 3 places, 50 s old; b"
+        assert fix == "last fix      fix 37.220000, -122.170000, sigma 5.8 m, 100 s old; a"
+        assert counts[0].startswith("since the start at 20")
+        assert counts[1:] == ["  answers ambiguous            1", "  answers fix                  1"]
 
 
 class TestSignals:

@@ -374,8 +374,10 @@ def test_the_metrics_tell_counts_ages_and_devices_and_no_age_where_there_is_no_f
     assert "skyfix_fix_age_seconds" not in text
 
     published.answered(answer_of(bundle_id(1), age_s=40.0))
-    for _ in range(2):
+    for _ in range(2):  # at the first time already, and counted once
         text = published.client.get("/metrics").text
+        assert "skyfix_answer_delay_seconds_count 1.0" in text
+        assert "_created" not in text
     values = dict(line.rsplit(" ", 1) for line in text.splitlines() if not line.startswith("#"))
     assert 40.0 <= float(values["skyfix_fix_age_seconds"]) < 100.0
     assert float(values["skyfix_answer_delay_seconds_sum"]) == pytest.approx(20.0, abs=1.0)

@@ -250,7 +250,7 @@ def bundle_item(entry: Entry) -> BundleItem:
     return BundleItem(
         number=entry.number,
         id=entry.bundle,
-        captured=entry.captured,
+        captured=entry.answer.captured.utc if entry.answer else entry.captured,
         trigger=entry.trigger,
         state=entry.state,
         tries=entry.tries,

@@ -181,7 +181,10 @@ def test_an_installation_in_a_home_is_told(
     service: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("rig.service.reach.HOMES", (Path(sys.prefix),))
-    assert f"{sys.prefix}/bin/rig: the service may not see homes: " in service("install")[1]
+    assert (
+        f"{sys.prefix}/bin/rig: the service may not see homes and could not be started"
+        in service("install")[1]
+    )
 
 
 def test_an_installation_behind_a_closed_folder_is_told(

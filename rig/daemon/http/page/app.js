@@ -110,7 +110,7 @@ function showDevices() {
   const failed = state.counts["captures failed"] ?? 0;
   say(
     $("queue"),
-    `${count(state.waiting, "bundle")} waiting; ${count(state.counts["captures done"] ?? 0, "capture")} since the start ` +
+    `${count(state.waiting, "bundle")} to locate; ${count(state.counts["captures done"] ?? 0, "capture")} since the start ` +
       `${duration(state.up_s)} ago${failed ? `, ${failed} failed` : ""}.`,
   );
 }
