@@ -61,6 +61,7 @@ def recalibrate(
         if not calibrations:
             raise click.UsageError(f"{file} names no calibration; give --calibration FILE.")
     path = derive_anew(directory, calibrations, out_dir or directory.resolve().parent)
+    click.echo(f"with {', '.join(each.document.id for each in calibrations)}", err=True)
     click.echo(json.dumps(facts(load_bundle(path))) if as_json else path)
 
 

@@ -83,8 +83,8 @@ def _row(found: dict[str, Any]) -> str:
     parts += [f"{found['series']['number']} of {found['series']['id']}"] if found["series"] else []
     parts += [f"recalibrated from {found['recalibrated_from']}"] if found["recalibrated_from"] else []
     kinds = len(found["faults"])
-    faults = f", {kinds} kind{'s' if kinds > 1 else ''} of faults overcome" if kinds else ""
-    return f"{start}  {'  '.join(parts)}{faults}"
+    parts += [f"{kinds} kind{'s' if kinds > 1 else ''} of fault overcome"] if kinds else []
+    return f"{start}  {'  '.join(parts)}"
 
 
 @click.command()

@@ -58,7 +58,7 @@ if TYPE_CHECKING:
     type=click.FloatRange(min=0.0),
     default=0.0,
     metavar="SECONDS",
-    help="From the beginning of one bundle of a series to the next.",
+    help="From the beginning of one bundle of a series to the next; at once where a capture takes longer.",
 )
 @click.option(
     "--telemetry",

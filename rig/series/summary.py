@@ -41,7 +41,7 @@ def summary(series: Series) -> dict[str, Any]:
 
 def summary_text(found: Mapping[str, Any]) -> str:
     """The same in lines."""
-    left = f", {found['left']} left" if found["left"] else ""
+    left = f", {found['left']} left: the same command goes on with them" if found["left"] else ""
     lines = [
         f"{found['series']}: {found['taken']} of {found['repeat']} bundles taken, {found['failed']} failed{left}"
     ]
@@ -53,13 +53,13 @@ def summary_text(found: Mapping[str, Any]) -> str:
             f"{found['begun']} to {found['last']}"
         )
     for name, values in found["readings"].items():
-        spread = "" if values["spread"] is None else f", spread {values['spread']:.3f}"
         what, _, unit = name.rpartition("_")
         if unit == "share":
-            what, unit = name, ""
-        lines.append(
-            f"  {what:<22} {values['mean']:9.3f} {unit:<4}{spread} ({values['least']:.3f} to {values['most']:.3f})"
-        )
+            what, unit = name.replace("_", " "), ""
+        line = f"  {what:<22} {values['mean']:9.3f} {unit:<4}"
+        if values["spread"] is not None:
+            line += f"  spread {values['spread']:.3f} ({values['least']:.3f} to {values['most']:.3f})"
+        lines.append(line.rstrip())
     return "\n".join(lines)
 
 

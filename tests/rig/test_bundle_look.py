@@ -71,7 +71,7 @@ def test_bundles_are_numbered_and_a_damaged_one_is_named(written: Path) -> None:
     listed = run("list", written.parent)
     assert listed.return_value == 0
     assert f"   1  {written.name}" in listed.output
-    assert "1 kind of faults overcome" in listed.output
+    assert "  1 kind of fault overcome" in listed.output
     (written / "frames" / "N.png").write_bytes(b"x")
     listed = run("list", written.parent, "--json")
     assert listed.return_value == 2

@@ -6,9 +6,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 from fakes.whole_rig import FakeRig, running_rig
 
 from localizer.bundle import load_bundle
+from rig.bundle_commands import bundle
 from rig.calibrate.naming import name_in_config, with_calibration
 from rig.calibrate.recalibrate import recalibrate
 from rig.calibration import (
@@ -154,6 +156,11 @@ def test_an_old_bundle_is_derived_anew_and_stays_itself(
 
     twice = load_bundle(recalibrate(new_dir, [], tmp_path / "twice"))
     assert twice.frames[0].azimuth_deg == pytest.approx(new.frames[0].azimuth_deg, abs=1e-6)
+
+    named = [word for each in files for word in ("--calibration", str(tmp_path / Path(each.file).name))]
+    said = CliRunner().invoke(bundle, ["recalibrate", str(old_dir), *named], standalone_mode=False)
+    assert said.stderr == "with boresight-1, altimeter-1\n"
+    assert Path(said.stdout.strip()).parent == old_dir.parent
 
 
 def test_a_bundle_from_before_the_compass_was_read_at_pictures_has_its_heading_from_the_stops(

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import threading
 import time
@@ -17,7 +18,7 @@ from fakes.whole_rig import RunningRig
 from localizer.bundle import Bundle, load_bundle
 from rig.series import run as series_run
 from rig.series.record import Plan, Series, SeriesError, begin_series, held, load_series, unfinished_series
-from rig.series.summary import summary
+from rig.series.summary import summary, summary_text
 
 PLAN = Plan(3, 0.0, ("N", "E"), "test")
 
@@ -77,6 +78,10 @@ def test_ctrl_c_ends_with_a_summary_and_the_same_command_goes_on(
     assert not running.rig.torque_is_on
     assert not list(tmp_path.glob("bundles/series-*/bundles/.*")), "nothing half-written"
 
+    text = summary_text(ended["summary"]).splitlines()
+    assert text[0].endswith(": 1 of 2 bundles taken, 0 failed, 1 left: the same command goes on with them")
+    assert not any("spread" in line for line in text), "of one bundle there is none"
+
     status, out, err = run("capture", *options)
     assert status == 0
     assert "goes on with" in err
@@ -84,6 +89,10 @@ def test_ctrl_c_ends_with_a_summary_and_the_same_command_goes_on(
     assert second["number"] == 2
     assert Path(second["preview"]).is_file()
     assert (ended["summary"]["taken"], ended["summary"]["left"]) == (2, 0)
+    lines = summary_text(ended["summary"]).splitlines()
+    assert any(re.match(r"  E skyline share +\d\.\d{3}       spread \d\.\d{3} \(", line) for line in lines), (
+        lines
+    )
     assert len(list(the_series(tmp_path).glob("bundles/*"))) == 2
 
 
