@@ -78,7 +78,7 @@ class CameraCalibration(_Document):
 
 
 class InclinometerCalibration(_Document):
-    """The accelerometer's errors and how it sits in the head (``rig.accelerometer``)."""
+    """The accelerometer's errors and how it sits in the head (``rig.attitude.accelerometer``)."""
 
     kind: Literal["inclinometer"] = "inclinometer"
     chip: str

@@ -14,23 +14,9 @@ from localizer.bundle import Altitude
 from localizer.errors import SkyfixError
 from localizer.horizon.from_image import find_skyline
 from rig import clock, derive
-from rig.attitude import HeadLevel
-from rig.bundle_writer import Measurement, require_writable, write_bundle
-from rig.bus.retry import retry
-from rig.camera import TimedFrame
-from rig.config import RigConfig
-from rig.connect import Rig, connect
-from rig.directions import Direction
-from rig.errors import GoalError, RigError
-from rig.fault_notes import collecting, note_fault
-from rig.frame_quality import Seen
-from rig.framing import confident_fraction, state_counts, tilt_correction_deg
-from rig.kinematics import Attitude, Head, JointAngles, body_attitude, head_rotation, joints_for
-from rig.measure import AltitudeReading, read_altitude, require_stood, still_level, utc_text
-from rig.pan_tilt import HeadState
-from rig.pictures import seen_at, take_pictures
-from rig.progress import Published, Reporter
-from rig.standing import (
+from rig.attitude.kinematics import Attitude, Head, JointAngles, body_attitude, head_rotation, joints_for
+from rig.attitude.level import HeadLevel
+from rig.attitude.standing import (
     Standing,
     Stop,
     compass_record,
@@ -39,6 +25,20 @@ from rig.standing import (
     standing_from,
     stop_of,
 )
+from rig.bundle.writer import Measurement, require_writable, write_bundle
+from rig.bus.retry import retry
+from rig.camera import TimedFrame
+from rig.config import RigConfig
+from rig.connect import Rig, connect
+from rig.directions import Direction
+from rig.errors import GoalError, RigError
+from rig.fault_notes import collecting, note_fault
+from rig.measure import AltitudeReading, read_altitude, require_stood, still_level, utc_text
+from rig.pan_tilt import HeadState
+from rig.pictures.framing import confident_fraction, state_counts, tilt_correction_deg
+from rig.pictures.quality import Seen
+from rig.pictures.take import seen_at, take_pictures
+from rig.progress import Published, Reporter
 from rig.telemetry import feed
 
 MOST_VIEWS = 5

@@ -136,7 +136,7 @@ def _take_one(
     config: RigConfig, directions: list[Direction], out_dir: Path, dem: "Dem | None", as_json: bool
 ) -> int:
     from localizer.bundle import load_bundle
-    from rig.bundle_facts import facts
+    from rig.bundle.facts import facts
     from rig.capture import capture as take
     from rig.progress import reporting
 
@@ -171,7 +171,7 @@ def _take_series(
     fresh: bool,
     as_json: bool,
 ) -> int:
-    from rig.bundle_writer import require_writable
+    from rig.bundle.writer import require_writable
     from rig.capture import capture as take
     from rig.progress import reporting
     from rig.series.record import Plan, begin_series, held, unfinished_series

@@ -13,7 +13,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from rig.attitude import in_axes
+from rig.attitude.heading import PLAUSIBLE_FIELD_UT, circular_mean_deg
+from rig.attitude.kinematics import wrapped_deg
+from rig.attitude.level import in_axes
 from rig.bus.retry import retry
 from rig.camera import Camera
 from rig.config import (
@@ -27,8 +29,6 @@ from rig.config import (
 )
 from rig.connect import open_altimeter, open_compass, open_inclinometer, open_pan_tilt
 from rig.errors import RigError
-from rig.heading import PLAUSIBLE_FIELD_UT, circular_mean_deg
-from rig.kinematics import wrapped_deg
 from rig.measure import read_altitude, read_level
 from rig.readings import FieldReading, HeadingReading
 

@@ -10,7 +10,7 @@ import click
 
 from localizer import command_line
 from localizer.completion import completion_command
-from rig.bundle_commands import bundle
+from rig.bundle.commands import bundle
 from rig.calibrate.commands import calibrate
 from rig.calibrate.options import at_option, dem_option, known_place_of, place_sigma_options
 from rig.capture_command import capture

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from localizer.bundle import Camera as BundleCamera
-from rig.attitude import HeadLevel
-from rig.bundle_writer import FrameRecord
+from rig.attitude.kinematics import Attitude, Head, JointAngles, measured_pointing
+from rig.attitude.level import HeadLevel
+from rig.attitude.standing import Standing, Stop
+from rig.bundle.writer import FrameRecord
 from rig.config import RigConfig
-from rig.kinematics import Attitude, Head, JointAngles, measured_pointing
-from rig.standing import Standing, Stop
 
 MOST_SIGMA_DEG = 180.0
 

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from rig.accelerometer import AccelerometerCorrection
 from rig.altitude import PressureReference, metres_per_hpa, plausible_altitude_m
-from rig.attitude import HeadLevel, head_level
+from rig.attitude.accelerometer import AccelerometerCorrection
+from rig.attitude.level import HeadLevel, head_level
 from rig.bus.deadline import Deadline
 from rig.bus.retry import retry
 from rig.config import AltimeterSection, InclinometerSection

@@ -95,10 +95,10 @@ def _turn(section: PanTiltSection, goal_deg: tuple[float, float] | None, park: b
 def _look_at(config: RigConfig, azimuth_deg: float, tilt_deg: float) -> dict[str, Any]:
     """Where the head stands and the camera looks after it was turned to a true azimuth and a tilt."""
     from rig import derive
+    from rig.attitude.kinematics import Head, JointAngles, joints_for
+    from rig.attitude.standing import measure_standing
     from rig.connect import connect
-    from rig.kinematics import Head, JointAngles, joints_for
     from rig.measure import still_level
-    from rig.standing import measure_standing
 
     if config.compass is None:
         raise GoalError("--azimuth: the configuration has no [compass]; give joint angles, PAN and TILT")

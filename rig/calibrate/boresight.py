@@ -8,6 +8,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from localizer.observation import NO_COMPASS_SIGMA_DEG
+from rig.attitude.kinematics import Attitude, wrapped_deg
+from rig.attitude.standing import measure_standing, standing_from
 from rig.calibrate.boresight_fit import BoresightFit, fit_boresight
 from rig.calibrate.figures import new_figure
 from rig.calibrate.horizon_profile import STEP_DEG, HorizonProfile, horizon_profile
@@ -18,8 +20,6 @@ from rig.calibration import BoresightCalibration, Matrix
 from rig.config import RigConfig
 from rig.connect import connect
 from rig.directions import parse_direction
-from rig.kinematics import Attitude, wrapped_deg
-from rig.standing import measure_standing, standing_from
 
 Vector = NDArray[np.float64]
 

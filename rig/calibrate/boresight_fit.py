@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.attitude.kinematics import Attitude, wrapped_deg
 from rig.calibrate.boresight_search import search_turn
 from rig.calibrate.horizon_profile import HorizonProfile
 from rig.calibrate.place import PlaceSigmas
@@ -18,7 +19,6 @@ from rig.calibrate.ridge_errors import covariance_deg2, ridge_errors
 from rig.calibrate.skyline_frame import Points, SkylineFrame
 from rig.calibrate.solve import Solved, solve
 from rig.calibration import CalibrationError
-from rig.kinematics import Attitude, wrapped_deg
 
 Vector = NDArray[np.float64]
 

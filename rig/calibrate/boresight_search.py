@@ -3,10 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.attitude.kinematics import Attitude
 from rig.calibrate.horizon_profile import HorizonProfile
 from rig.calibrate.skyline_frame import Points
 from rig.calibration import CalibrationError
-from rig.kinematics import Attitude
 
 Vector = NDArray[np.float64]
 

@@ -7,7 +7,10 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rig import clock
-from rig.attitude import LevelReading, LevelSigmas, base_level, in_axes
+from rig.attitude.kinematics import JointAngles
+from rig.attitude.level import LevelReading, LevelSigmas, base_level, in_axes
+from rig.attitude.magnetic_model import ModelField, model_field
+from rig.attitude.standing import Stop, read_stop
 from rig.calibrate.compass_fit import CompassFit, fit_compass
 from rig.calibrate.compass_model import EarthField, VehicleStop
 from rig.calibrate.earth_field import dip_deg
@@ -17,9 +20,6 @@ from rig.calibrate.torque import TorqueField, read_held_and_free, torque_field
 from rig.calibration import CalibrationError, CompassCalibration
 from rig.config import Mmc5983maSection, RigConfig
 from rig.connect import Rig, connect
-from rig.kinematics import JointAngles
-from rig.magnetic_model import ModelField, model_field
-from rig.standing import Stop, read_stop
 
 Vector = NDArray[np.float64]
 

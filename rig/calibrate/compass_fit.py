@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.attitude.kinematics import Attitude, body_rotation
 from rig.calibrate.compass_model import (
     EARTH,
     IRON_UNKNOWNS,
@@ -24,7 +25,6 @@ from rig.calibrate.compass_model import (
 from rig.calibrate.earth_field import DIP_TELLS_DEG, MeasuredField, check_field
 from rig.calibrate.solve import solve
 from rig.calibration import CalibrationError
-from rig.kinematics import Attitude, body_rotation
 
 Vector = NDArray[np.float64]
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.attitude.heading import VehicleIron
+from rig.attitude.kinematics import Attitude, body_rotation
 from rig.calibration import Matrix, Triple
-from rig.heading import VehicleIron
-from rig.kinematics import Attitude, body_rotation
 
 Vector = NDArray[np.float64]
 

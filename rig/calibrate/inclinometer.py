@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from rig.accelerometer import Triple
-from rig.attitude import HeadLevel
+from rig.attitude.accelerometer import Triple
+from rig.attitude.kinematics import JointAngles
+from rig.attitude.level import HeadLevel
 from rig.calibrate.figures import new_figure
 from rig.calibrate.inclinometer_fit import InclinometerFit, TiltReading, fit_inclinometer
 from rig.calibrate.session import Session
@@ -15,7 +16,6 @@ from rig.calibrate.temperature import read_drift
 from rig.calibration import CalibrationError, InclinometerCalibration
 from rig.config import PanTiltSection
 from rig.connect import Rig, connect
-from rig.kinematics import JointAngles
 from rig.measure import still_level
 
 TILTS_DEG = (-40.0, 45.0, 60.0)  # far apart: what the scale and the mounting lack grows with the tilt

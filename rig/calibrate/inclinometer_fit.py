@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from rig.accelerometer import AccelerometerCorrection, Triple
-from rig.attitude import tilt_roll_deg
+from rig.attitude.accelerometer import AccelerometerCorrection, Triple
+from rig.attitude.kinematics import JointAngles
+from rig.attitude.level import tilt_roll_deg
 from rig.calibrate.solve import solve
 from rig.calibration import CalibrationError
-from rig.kinematics import JointAngles
 
 Vector = NDArray[np.float64]
 

@@ -12,15 +12,15 @@ from pydantic import ValidationError
 
 from localizer.bundle import Altitude, Bundle, Frame, frame_image, load_bundle
 from rig import derive
-from rig.accelerometer import AccelerometerCorrection
-from rig.attitude import HeadLevel, tilt_roll_deg
-from rig.bundle_writer import Measurement, require_writable, write_bundle
+from rig.attitude.accelerometer import AccelerometerCorrection
+from rig.attitude.kinematics import JointAngles
+from rig.attitude.level import HeadLevel, tilt_roll_deg
+from rig.attitude.standing import MeanField, Stop, standing_from
+from rig.bundle.writer import Measurement, require_writable, write_bundle
 from rig.calibration import AppliedCalibration, CalibrationError, parse_calibration
 from rig.config import InclinometerSection, RigConfig, with_calibrations
-from rig.kinematics import JointAngles
 from rig.measure import MeanPressure, altitude_from
 from rig.readings import HeadingReading
-from rig.standing import MeanField, Stop, standing_from
 
 Record = dict[str, Any]
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from localizer.camera import azimuth_elevation_deg, camera_to_world
-from rig.kinematics import Attitude, body_rotation
+from rig.attitude.kinematics import Attitude, body_rotation
 
 Vector = NDArray[np.float64]
 

@@ -8,14 +8,14 @@ from numpy.typing import NDArray
 from localizer.camera import pixel_rays
 from localizer.horizon.from_image import CONFIDENT, ColumnState, Skyline, find_skyline
 from localizer.observation import NO_COMPASS_SIGMA_DEG
+from rig.attitude.kinematics import Attitude, Head, JointAngles, body_attitude, head_rotation, wrapped_deg
+from rig.attitude.standing import Standing, Stop
 from rig.calibrate.skyline_frame import SkylineFrame
 from rig.calibration import CalibrationError
 from rig.capture import View, in_passing, look, take_view
 from rig.config import CameraSection, RigConfig
 from rig.connect import Rig
 from rig.directions import Direction
-from rig.kinematics import Attitude, Head, JointAngles, body_attitude, head_rotation, wrapped_deg
-from rig.standing import Standing, Stop
 
 Vector = NDArray[np.float64]
 

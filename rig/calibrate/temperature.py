@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.accelerometer import Triple
+from rig.attitude.accelerometer import Triple
 from rig.calibration import CalibrationError
 from rig.config import InclinometerSection
 from rig.connect import Inclinometer

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.attitude import in_axes
+from rig.attitude.level import in_axes
+from rig.attitude.standing import Stop, read_here
 from rig.calibration import CalibrationError
 from rig.config import Mmc5983maSection
 from rig.connect import Rig
-from rig.standing import Stop, read_here
 
 Vector = NDArray[np.float64]
 

@@ -1,6 +1,6 @@
 """Where bundles wait, and what became of them: a folder of bundles with an index beside it.
 
-    bundles/<id>/     complete or absent, as ``rig.bundle_writer`` has it
+    bundles/<id>/     complete or absent, as ``rig.bundle.writer`` has it
     index.sqlite      one row a bundle: waiting, located or failed; the answer, and the tracker's state with it
 
 Power may fail at any instant. The folder is what counts: ``reconcile`` takes in bundles that the index does not know yet
@@ -24,7 +24,7 @@ from typing import Any, Self
 from localizer.bundle import FILE_NAME
 from localizer.track.odometry import Movement
 from localizer.track.tracker import Tracker
-from rig.bundle_writer import LEAST_FREE_BYTES
+from rig.bundle.writer import LEAST_FREE_BYTES
 from rig.daemon.board import Answer, TriggerSource
 from rig.daemon.boot import boot_id
 from rig.daemon.spool_index import (

@@ -8,8 +8,8 @@ import click
 from localizer.bundle import load_bundle
 from localizer.errors import SkyfixError
 from rig.atomic import write_atomically
+from rig.bundle.preview import write_preview
 from rig.measure import utc_text
-from rig.preview import write_preview
 from rig.series.record import Outcome, Series
 from rig.series.summary import summary, summary_text
 

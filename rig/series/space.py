@@ -3,7 +3,7 @@
 import shutil
 from pathlib import Path
 
-from rig.bundle_writer import LEAST_FREE_BYTES, BundleWriteError, existing_part
+from rig.bundle.writer import LEAST_FREE_BYTES, BundleWriteError, existing_part
 from rig.config import RigConfig
 
 FRAME_BYTES_OF_RAW = 1.01  # a PNG of noise is no smaller than its pixels

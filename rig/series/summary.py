@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from rig.heading import circular_mean_deg
-from rig.kinematics import wrapped_deg
+from rig.attitude.heading import circular_mean_deg
+from rig.attitude.kinematics import wrapped_deg
 from rig.measure import utc_text
 from rig.series.record import Series
 

@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from rig import clock
+from rig.attitude.kinematics import Attitude, Head, JointAngles, body_rotation, camera_rotation, head_rotation
+from rig.attitude.standing import Standing
 from rig.camera import TimedFrame
 from rig.capture import View
 from rig.config import RigConfig
-from rig.kinematics import Attitude, Head, JointAngles, body_rotation, camera_rotation, head_rotation
 from rig.measure import AltitudeReading
 from rig.pan_tilt import HeadState
 from rig.readings import AccelerationReading, FieldReading, HeadingReading, PressureReading
-from rig.standing import Standing
 from rig.telemetry import schemas
 from rig.telemetry.feed import Step
 from rig.telemetry.schemas import Schema

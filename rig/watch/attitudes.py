@@ -10,12 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from rig.clock import utc_now
-from rig.config import Mmc5983maSection, RigConfig
-from rig.declination import declination
-from rig.errors import ConfigError
-from rig.heading import VehicleIron
-from rig.kinematics import (
+from rig.attitude.declination import declination
+from rig.attitude.heading import VehicleIron
+from rig.attitude.kinematics import (
     Attitude,
     Head,
     JointAngles,
@@ -25,6 +22,9 @@ from rig.kinematics import (
     measured_pointing,
     pan_stage_rotation,
 )
+from rig.clock import utc_now
+from rig.config import Mmc5983maSection, RigConfig
+from rig.errors import ConfigError
 from rig.watch.watcher import DeviceStatus
 
 LEVEL_BASE = Attitude(0.0, 0.0, 0.0)

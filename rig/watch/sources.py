@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from rig.attitude import in_axes
+from rig.attitude.level import in_axes
 from rig.bus.retry import retry
 from rig.bus.serial_port import SerialPort
 from rig.camera import Camera, TimedFrame

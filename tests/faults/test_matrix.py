@@ -14,11 +14,11 @@ from typing import Any
 import pytest
 from fakes.simulated import Quick, open_descriptors, quick_rig, threads, world
 
+import rig.attitude.standing
 import rig.capture
-import rig.standing
 from localizer.bundle import load_bundle
 from localizer.errors import SkyfixError
-from rig.kinematics import wrapped_deg
+from rig.attitude.kinematics import wrapped_deg
 from rig.pan_tilt import PanTilt
 from sim.command import find_command
 from sim.faults.catalogue import CATALOGUE, DEVICES
@@ -39,8 +39,8 @@ TRIGGERS: dict[str, tuple[Any, str, int]] = {
     "servo-bus": (PanTilt, "wait_settled", 2),
     "pan": (PanTilt, "wait_settled", 2),
     "tilt": (PanTilt, "wait_settled", 2),
-    "inclinometer": (rig.standing, "still_level", 2),
-    "compass": (rig.standing, "still_level", 2),
+    "inclinometer": (rig.attitude.standing, "still_level", 2),
+    "compass": (rig.attitude.standing, "still_level", 2),
     "altimeter": (rig.capture, "_altitude", 1),
     "camera": (rig.capture, "take_pictures", 2),
     "clock": (rig.capture, "take_pictures", 2),
@@ -157,7 +157,7 @@ def begin_at(case: Case, quick: Quick, patch: pytest.MonkeyPatch) -> list[thread
 @pytest.mark.parametrize("case", [p for p in parameters() if p.values[0].device != "disk"])
 def test_fault(case: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rig.bus.retry.REPLUG_S", 2.0)
-    monkeypatch.setattr("rig.pictures.WITHIN_S", 5.0)
+    monkeypatch.setattr("rig.pictures.take.WITHIN_S", 5.0)
     truth = world(**FITTED.get(case.device, {}))
     open_before, threads_before = open_descriptors(), threads()
     with quick_rig(truth, tmp_path) as quick:

@@ -14,7 +14,7 @@ import pytest
 from fakes.simulated import quick_rig, world
 
 from localizer.bundle import load_bundle
-from rig.bundle_facts import bundles_in
+from rig.bundle.facts import bundles_in
 from rig.series.record import load_series
 from rig.telemetry.reading import TelemetryFile, TelemetryReadError
 

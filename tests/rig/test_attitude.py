@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rig.attitude import (
+from rig.attitude.kinematics import Attitude, JointAngles, body_attitude, body_rotation, head_rotation
+from rig.attitude.level import (
     BaseLevel,
     HeadLevel,
     LevelReading,
@@ -18,7 +19,6 @@ from rig.attitude import (
     tilt_roll_deg,
 )
 from rig.errors import DeviceError
-from rig.kinematics import Attitude, JointAngles, body_attitude, body_rotation, head_rotation
 
 STRAIGHT = ("+x", "+y", "+z")
 SIGMAS = LevelSigmas(tilt_deg=0.01, roll_deg=0.02, zero_deg=0.02, joint_deg=0.1)

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from localizer.horizon.from_image import find_skyline
-from rig.bracketing import BURNT_LIMIT, Pictures, bracketed, burnt_share, pictures_of
 from rig.camera import V4L2_AUTOMATIC, V4L2_MANUAL, Camera, LocalExposure, TimedFrame
 from rig.config import CameraSection
 from rig.errors import TransientError
 from rig.fault_notes import collecting
+from rig.pictures.bracketing import BURNT_LIMIT, Pictures, bracketed, burnt_share, pictures_of
 from rig.readings import Instant
 from sim.devices.camera_stream import CameraStream
 

@@ -15,8 +15,8 @@ from click.testing import CliRunner, Result
 from fakes.bundle import FAULT, write_one
 
 from localizer.bundle import BundleError, load_bundle
-from rig.bundle_archive import ArchiveError, write_archive
-from rig.bundle_commands import bundle
+from rig.bundle.archive import ArchiveError, write_archive
+from rig.bundle.commands import bundle
 
 
 @pytest.fixture

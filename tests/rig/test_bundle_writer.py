@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from localizer.bundle import Altitude, BundleError, Camera, frame_image, load_bundle
-from rig import bundle_writer
-from rig.bundle_writer import BundleWriteError, FrameRecord, Measurement, require_writable, write_bundle
+from rig.bundle import writer
+from rig.bundle.writer import BundleWriteError, FrameRecord, Measurement, require_writable, write_bundle
 
 CREATED = datetime(2026, 11, 23, 4, 31, 51, 250000, tzinfo=UTC)
 CAMERA = Camera(width_px=64, height_px=48, fx_px=50.0, fy_px=50.0, cx_px=31.5, cy_px=23.5)
@@ -91,7 +91,7 @@ def test_nothing_is_left_when_interrupted(tmp_path: Path, monkeypatch: pytest.Mo
         assert (path / "bundle.json").exists()
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(bundle_writer, "load_bundle", interrupted)
+    monkeypatch.setattr(writer, "load_bundle", interrupted)
     with pytest.raises(KeyboardInterrupt):
         write_bundle(tmp_path, measurement(frame("N")))
     assert list(tmp_path.iterdir()) == []

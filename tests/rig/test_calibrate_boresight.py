@@ -8,7 +8,10 @@ import pytest
 from fakes.whole_rig import FakeRig, running_rig
 
 from localizer.camera import camera_to_world
-from rig.attitude import BaseLevel
+from rig.attitude.heading import TrueHeading
+from rig.attitude.kinematics import Attitude, body_rotation, wrapped_deg
+from rig.attitude.level import BaseLevel
+from rig.attitude.standing import Standing
 from rig.calibrate.boresight import measure_boresight
 from rig.calibrate.boresight_fit import fit_boresight
 from rig.calibrate.horizon_profile import STEP_DEG, HorizonProfile
@@ -16,9 +19,6 @@ from rig.calibrate.place import KnownPlace, PlaceSigmas
 from rig.calibrate.skyline_frame import SkylineFrame
 from rig.calibrate.skyline_look import require_unmoved
 from rig.calibration import CalibrationError
-from rig.heading import TrueHeading
-from rig.kinematics import Attitude, body_rotation, wrapped_deg
-from rig.standing import Standing
 
 AZIMUTHS_DEG = np.arange(0.0, 360.0, STEP_DEG)
 CAMERA = Attitude(2.6, -1.4, 1.1)

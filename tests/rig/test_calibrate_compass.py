@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from rig.attitude import BaseLevel
+from rig.attitude.heading import FieldAtPan, heading_from_field
+from rig.attitude.kinematics import Attitude, body_rotation, wrapped_deg
+from rig.attitude.level import BaseLevel
 from rig.calibrate.compass_fit import CompassFit, fit_compass
 from rig.calibrate.compass_model import EarthField, VehicleStop
 from rig.calibrate.torque import HeldAndFree, torque_field
 from rig.calibration import CalibrationError
-from rig.heading import FieldAtPan, heading_from_field
-from rig.kinematics import Attitude, body_rotation, wrapped_deg
 
 EARTH = EarthField(23.5, 42.0, 0.0)
 UNDISTURBED = (0.0, EARTH.horizontal_ut, -EARTH.down_ut)

@@ -10,7 +10,8 @@ from click.testing import CliRunner
 from fakes.whole_rig import FakeRig, running_rig
 
 from localizer.bundle import load_bundle
-from rig.bundle_commands import bundle
+from rig.attitude.kinematics import wrapped_deg
+from rig.bundle.commands import bundle
 from rig.calibrate.naming import name_in_config, with_calibration
 from rig.calibrate.recalibrate import recalibrate
 from rig.calibration import (
@@ -24,7 +25,6 @@ from rig.calibration import (
 from rig.capture import capture
 from rig.config import load_config, with_calibrations
 from rig.directions import parse_directions
-from rig.kinematics import wrapped_deg
 
 VEHICLE = Path(__file__).parents[2] / "configs" / "vehicle.toml"
 NOW = datetime(2026, 11, 24, 6, tzinfo=UTC)

@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from rig.attitude import tilt_roll_deg
+from rig.attitude.kinematics import Attitude, JointAngles, head_rotation
+from rig.attitude.level import tilt_roll_deg
 from rig.calibrate.inclinometer_fit import InclinometerFit, TiltReading, fit_inclinometer
 from rig.calibrate.temperature import read_drift
 from rig.calibration import CalibrationError
-from rig.kinematics import Attitude, JointAngles, head_rotation
 
 ZERO_G = np.array([0.021, -0.017, 0.008])
 SCALE = np.array([1.004, 0.996, 1.002])

@@ -14,10 +14,10 @@ from fakes.whole_rig import HEIGHT_PX, FakeRig, RunningRig, running_rig
 
 from localizer.bundle import load_bundle
 from localizer.horizon.from_image import ColumnState, Skyline, find_skyline
+from rig.attitude.kinematics import Attitude, Head, JointAngles, camera_pointing, wrapped_deg
 from rig.capture import CaptureError, capture, in_passing
 from rig.directions import parse_directions
 from rig.errors import DeviceError, GoalError, LostPortError
-from rig.kinematics import Attitude, Head, JointAngles, camera_pointing, wrapped_deg
 
 NOWHERE = Attitude(0.0, 0.0, 0.0)
 
@@ -216,7 +216,7 @@ def test_interrupted_while_measuring(running: RunningRig, tmp_path: Path) -> Non
 
 
 def test_the_camera_stalls(running: RunningRig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rig.pictures.WITHIN_S", 1.5)
+    monkeypatch.setattr("rig.pictures.take.WITHIN_S", 1.5)
 
     def stall() -> None:
         if running.rig.readings_taken == 3:

@@ -21,7 +21,7 @@ from localizer.bundle import Camera, load_bundle
 from localizer.fix import Fix
 from localizer.track.odometry import Movement
 from localizer.track.tracker import Tracker
-from rig.bundle_writer import FrameRecord, Measurement, write_bundle
+from rig.bundle.writer import FrameRecord, Measurement, write_bundle
 from rig.daemon.board import Answer
 from rig.daemon.spool import Spool
 from rig.readings import Instant

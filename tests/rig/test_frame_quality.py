@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from localizer.horizon.from_image import ColumnState, Skyline
-from rig.frame_quality import Image, Seen, blur, defect, edge_width_px, thumbnail
+from rig.pictures.quality import Image, Seen, blur, defect, edge_width_px, thumbnail
 
 WIDTH, HEIGHT = 320, 240
 

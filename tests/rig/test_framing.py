@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from localizer.horizon.from_image import ColumnState, Skyline
-from rig.framing import confident_fraction, state_counts, tilt_correction_deg
+from rig.pictures.framing import confident_fraction, state_counts, tilt_correction_deg
 
 FY_PX = 492.8
 HEIGHT_PX = 480

@@ -8,11 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rig.attitude import BaseLevel
-from rig.config import Place
-from rig.declination import Declination, declination
-from rig.errors import ConfigError, DeviceError
-from rig.heading import (
+from rig.attitude.declination import Declination, declination
+from rig.attitude.heading import (
     CompassHeading,
     FieldAtPan,
     HeadingsAtPan,
@@ -21,7 +18,10 @@ from rig.heading import (
     heading_from_talker,
     true_heading,
 )
-from rig.kinematics import Attitude, pan_stage_rotation, wrapped_deg
+from rig.attitude.kinematics import Attitude, pan_stage_rotation, wrapped_deg
+from rig.attitude.level import BaseLevel
+from rig.config import Place
+from rig.errors import ConfigError, DeviceError
 
 PANS_DEG = (-135.0, -45.0, 45.0, 135.0)
 EARTH_UT = np.array([0.0, 22.0, -43.0])  # magnetic east, magnetic north, up

@@ -6,8 +6,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from localizer.camera import camera_to_world, project
-from rig.errors import GoalError
-from rig.kinematics import (
+from rig.attitude.kinematics import (
     Attitude,
     Head,
     JointAngles,
@@ -22,6 +21,7 @@ from rig.kinematics import (
     pan_stage_rotation,
     wrapped_deg,
 )
+from rig.errors import GoalError
 
 NO_BORESIGHT = Attitude(0.0, 0.0, 0.0)
 LEVEL = Attitude(0.0, 0.0, 0.0)

@@ -15,7 +15,7 @@ from fakes.command import Run, one_line, toml, written
 from fakes.whole_rig import RunningRig
 
 from localizer.bundle import load_bundle
-from rig.kinematics import camera_pointing
+from rig.attitude.kinematics import camera_pointing
 
 
 def test_help_has_examples(run: Run) -> None:

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rig.attitude import HeadLevel
+from rig.attitude.kinematics import Attitude, JointAngles, pan_stage_rotation
+from rig.attitude.level import HeadLevel
+from rig.attitude.standing import HEADING_OF_STOPS, MeanField, Stop, standing_from
 from rig.config import NmeaCompassSection, RigConfig, load_config
 from rig.fault_notes import collecting
-from rig.kinematics import Attitude, JointAngles, pan_stage_rotation
 from rig.readings import HeadingReading
-from rig.standing import HEADING_OF_STOPS, MeanField, Stop, standing_from
 
 NOW = datetime(2026, 11, 26, 9, tzinfo=UTC)
 BASE = Attitude(30.0, 0.0, 0.0)

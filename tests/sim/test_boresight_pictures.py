@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from localizer.camera import camera_to_world, pixel_rays
 from localizer.horizon.from_image import CONFIDENT, ColumnState, Skyline, find_skyline
+from rig.attitude.kinematics import Attitude
 from rig.calibrate.boresight_fit import BoresightFit, fit_boresight
 from rig.calibrate.horizon_profile import horizon_profile
 from rig.calibrate.place import PlaceSigmas, known_place
 from rig.calibrate.skyline_frame import SkylineFrame
-from rig.kinematics import Attitude
 from sim.contour import skyline_contour
 from sim.options import EMBEDDED_DEM
 from sim.panorama import render_panorama

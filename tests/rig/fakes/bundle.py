@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from localizer.bundle import Camera
-from rig.bundle_writer import FrameRecord, Measurement, write_bundle
+from rig.bundle.writer import FrameRecord, Measurement, write_bundle
 from rig.clock import utc_now
 
 FAULT = {"device": "camera", "problem": "was black", "action": "tried again", "count": 2}

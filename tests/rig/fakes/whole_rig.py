@@ -14,14 +14,14 @@ import pytest
 
 from fakes.mjpeg_camera import MjpegServer, mjpeg_server
 from fakes.servos import POSITION, TORQUE, FakeServo, FakeServoBus
-from rig.config import RigConfig
-from rig.kinematics import (
+from rig.attitude.kinematics import (
     Attitude,
     JointAngles,
     camera_rotation,
     head_rotation,
     pan_stage_rotation,
 )
+from rig.config import RigConfig
 from rig.readings import AccelerationReading, FieldReading, PressureReading
 from rig.sensors.reviving import Reviving
 

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.accelerometer import Triple
-from rig.attitude import BaseLevel
-from rig.declination import Declination
+from rig.attitude.accelerometer import Triple
+from rig.attitude.declination import Declination
+from rig.attitude.kinematics import body_rotation, pan_stage_rotation
+from rig.attitude.level import BaseLevel
 from rig.errors import DeviceError
-from rig.kinematics import body_rotation, pan_stage_rotation
 
 Vector = NDArray[np.float64]
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import click
 
 from localizer.bundle import BundleError
-from rig.bundle_archive import unpack_archive, write_archive
-from rig.bundle_look import json_option, loaded
+from rig.bundle.archive import unpack_archive, write_archive
+from rig.bundle.look import json_option, loaded
 from rig.cli_options import folders_argument
 
 

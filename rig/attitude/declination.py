@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from datetime import datetime
 
+from rig.attitude.magnetic_model import model_field
 from rig.config import Place
 from rig.errors import ConfigError
-from rig.magnetic_model import model_field
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from localizer.bundle import Bundle, Frame, frame_image
 from localizer.horizon.from_image import CONFIDENT, ColumnState, Skyline, find_skyline
 from rig.atomic import write_atomically
-from rig.bundle_facts import facts, how_often
+from rig.bundle.facts import facts, how_often
 from rig.errors import RigError
 
 Image = NDArray[np.uint8]

@@ -10,8 +10,8 @@ from typing import Any
 import click
 
 from localizer.bundle import Bundle, BundleError, load_bundle
-from rig.bundle_archive import ArchiveError, bundles_of_archive, is_archive
-from rig.bundle_facts import TABLE_COLUMNS, bundles_in, facts, how_often, table_rows, to_the_second
+from rig.bundle.archive import ArchiveError, bundles_of_archive, is_archive
+from rig.bundle.facts import TABLE_COLUMNS, bundles_in, facts, how_often, table_rows, to_the_second
 from rig.cli_options import folders_argument
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
@@ -107,7 +107,7 @@ def show(directory: Path, as_json: bool, picture: Path | None) -> None:
     bundle = load_bundle(directory)
     found = facts(bundle)
     if picture is not None:
-        from rig.preview import write_preview  # it is slow to import
+        from rig.bundle.preview import write_preview  # it is slow to import
 
         write_preview(picture, bundle, "")
     click.echo(json.dumps(found) if as_json else _shown(found))

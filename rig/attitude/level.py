@@ -12,9 +12,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.accelerometer import NO_CORRECTION, AccelerometerCorrection
+from rig.attitude.accelerometer import NO_CORRECTION, AccelerometerCorrection
+from rig.attitude.kinematics import Attitude, JointAngles, body_attitude, head_rotation
 from rig.errors import DeviceError
-from rig.kinematics import Attitude, JointAngles, body_attitude, head_rotation
 
 Vector = NDArray[np.float64]
 

@@ -21,8 +21,8 @@ from typing import IO, Protocol
 
 from localizer.bundle import FILE_NAME, Bundle, load_bundle
 from rig.atomic import sync
-from rig.bundle_facts import TABLE_COLUMNS, table_rows
-from rig.bundle_writer import LEAST_FREE_BYTES, existing_part
+from rig.bundle.facts import TABLE_COLUMNS, table_rows
+from rig.bundle.writer import LEAST_FREE_BYTES, existing_part
 from rig.errors import RigError
 
 INDEX_NAME = "index.csv"

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.bracketing import Pictures, bracketed, pictures_of
+from rig.attitude.kinematics import JointAngles
 from rig.bus.retry import retry
 from rig.camera import Camera
 from rig.errors import TransientError
-from rig.frame_quality import Seen, blur, defect, thumbnail
-from rig.kinematics import JointAngles
+from rig.pictures.bracketing import Pictures, bracketed, pictures_of
+from rig.pictures.quality import Seen, blur, defect, thumbnail
 
 TRIES = 6
 WITHIN_S = 8.0

@@ -14,15 +14,8 @@ from typing import Any
 import numpy as np
 
 from localizer.observation import NO_COMPASS_SIGMA_DEG
-from rig.attitude import BaseLevel, HeadLevel, LevelReading, LevelSigmas, base_level, in_axes
-from rig.bus.retry import retry
-from rig.clock import utc_now
-from rig.config import CompassSection, Mmc5983maSection, NmeaCompassSection, Place, RigConfig
-from rig.connect import Rig
-from rig.declination import Declination, declination
-from rig.errors import ConfigError, DeviceError
-from rig.fault_notes import note_fault
-from rig.heading import (
+from rig.attitude.declination import Declination, declination
+from rig.attitude.heading import (
     FieldAtPan,
     HeadingsAtPan,
     TrueHeading,
@@ -31,7 +24,14 @@ from rig.heading import (
     heading_from_talker,
     true_heading,
 )
-from rig.kinematics import Attitude, JointAngles
+from rig.attitude.kinematics import Attitude, JointAngles
+from rig.attitude.level import BaseLevel, HeadLevel, LevelReading, LevelSigmas, base_level, in_axes
+from rig.bus.retry import retry
+from rig.clock import utc_now
+from rig.config import CompassSection, Mmc5983maSection, NmeaCompassSection, Place, RigConfig
+from rig.connect import Rig
+from rig.errors import ConfigError, DeviceError
+from rig.fault_notes import note_fault
 from rig.measure import require_stood, still_level, utc_text
 from rig.pan_tilt import HeadState
 from rig.readings import FieldReading, HeadingReading

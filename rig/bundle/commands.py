@@ -6,9 +6,9 @@ from pathlib import Path
 import click
 
 from localizer.bundle import load_bundle
-from rig.bundle_export import export, import_
-from rig.bundle_facts import facts
-from rig.bundle_look import json_option, list_, show, verify
+from rig.bundle.export import export, import_
+from rig.bundle.facts import facts
+from rig.bundle.look import json_option, list_, show, verify
 from rig.cli_options import config_option
 
 
