@@ -45,6 +45,13 @@ column costs on its way there."""
 _FAINT_LINE_FROM, _FAINT, _FAINT_GAPS, _FAINT_COLUMNS = 0.15, 0.1, 0.2, 6
 """The same for faint lines, which count where the edge is stronger than the second number in all but the third's share of
 a stretch of at least so many columns."""
+_LONG_NOISES, _LONG_NOISE = 8.0, 1.2
+_LONG_FROM, _LONG, _LONG_GAPS, _LONG_COLUMNS = 0.5, 0.4, 0.05, 40
+"""The same for long lines, whose edge is held against the noise alone (at least so many grey levels): below a cloudy sky an
+edge has to be strong to be taken for the skyline, but none that goes on so far can be passed over."""
+_MEETING = 0.05
+"""Share of the width that is in doubt as well to either side of a line above the boundary: it goes on closer to the boundary
+than lines can be told apart."""
 _SURELY_SKY, _SURELY_SKY_IN_DOUBT = 0.85, 0.5
 """The share of what lies above the boundary that the sky's model is fitted to; and when the boundary is put to the test."""
 
@@ -96,28 +103,48 @@ def trace_boundary(work: WorkImage) -> SkyBoundary:
             if np.array_equal(row, before):
                 break
         contested = np.abs(total_cost(learnt(row, _SURELY_SKY_IN_DOUBT)).argmin(axis=1) - row) > 2
-        contested |= _farther_ridge(np.where(work.step > 0, strength, 0), side, row)
+        contested |= _farther_ridge(np.maximum(work.step, 0), noise, strength, side, row)
     columns = np.arange(w)
     best = total[columns, row].copy()
     total[np.abs(np.arange(h + 1)[None, :] - row[:, None]) < 3] = np.inf
     return SkyBoundary(row, total.min(axis=1) - best, contested, strength[row, columns], odds, guess)
 
 
-def _farther_ridge(strength: Floats, side: Floats, row: NDArray[np.int64]) -> NDArray[np.bool_]:
+def _farther_ridge(
+    darker: Floats, noise: float, strength: Floats, side: Floats, row: NDArray[np.int64]
+) -> NDArray[np.bool_]:
     """Columns (w,) where a line above the boundary may be the skyline: a sharp one, or a faint one that hardly breaks off.
 
-    A ridge in the haze is faint all along; a streak of cloud is sharp here and gone there.
+    A ridge in the haze is faint all along; a streak of cloud is sharp here and gone there. ``darker`` is the colour step
+    (h + 1, w) where it is darker below, as a ridge is, else 0.
     """
-    columns = np.arange(row.size)
-    beyond = row - _line_above(strength, side, row, _LINE_FROM) > 2
-    line = _line_above(strength, side, row, _FAINT_LINE_FROM)
-    edges = np.flatnonzero(np.diff(row - line > 2, prepend=False, append=False))
-    for start, stop in zip(edges[::2], edges[1::2], strict=True):
-        stretch = slice(start, stop)
-        along = strength[line[stretch], columns[stretch]]
-        if stop - start >= _FAINT_COLUMNS and np.quantile(along, _FAINT_GAPS) > _FAINT:
-            beyond[stretch] = True
-    return beyond
+    edge = np.where(darker > 0, strength, 0)
+    square, scale = darker * darker, np.float32(_LONG_NOISES * max(noise, _LONG_NOISE))
+    plain = square / (square + scale * scale)
+    beyond = row - _line_above(edge, side, row, _LINE_FROM) > 2
+    beyond |= _unbroken(edge, side, row, _FAINT_LINE_FROM, _FAINT, _FAINT_GAPS, _FAINT_COLUMNS)
+    beyond |= _unbroken(plain, side, row, _LONG_FROM, _LONG, _LONG_GAPS, _LONG_COLUMNS)
+    beside = int(_MEETING * row.size)
+    return np.asarray(np.convolve(beyond, np.ones(2 * beside + 1), "same") > 0.5)
+
+
+def _unbroken(
+    edge: Floats,
+    side: Floats,
+    row: NDArray[np.int64],
+    line_from: float,
+    least: float,
+    gaps: float,
+    columns: int,
+) -> NDArray[np.bool_]:
+    """Columns (w,) of the stretches, ``columns`` long or more, where the best line above hardly falls below ``least``."""
+    found = np.zeros(row.size, np.bool_)
+    line = _line_above(edge, side, row, line_from)
+    ends = np.flatnonzero(np.diff(row - line > 2, prepend=False, append=False))
+    for start, stop in zip(ends[::2], ends[1::2], strict=True):
+        along = edge[line[start:stop], np.arange(start, stop)]
+        found[start:stop] = stop - start >= columns and np.quantile(along, gaps) > least
+    return found
 
 
 def _line_above(strength: Floats, side: Floats, row: NDArray[np.int64], least: float) -> NDArray[np.int64]:

@@ -96,6 +96,26 @@ def test_a_faint_ridge_behind_the_sharp_one_puts_the_sharp_one_in_doubt():
     assert used(find_skyline(image)).mean() > 0.9, "the ridge alone is not in doubt"
 
 
+def test_a_pale_ridge_under_a_streaky_sky_puts_the_sharp_one_in_doubt():
+    edge, image = scene()
+    far = edge - np.where(COLUMNS < 520, 60.0 * np.sin(np.pi * COLUMNS / 520.0), 0.0)
+    streaks = np.clip(smooth_noise(8, (60.0, 3.0)), 0.0, 1.0)[..., None] * (1.0 - below(far - 6.0))
+    behind = cv2.GaussianBlur(below(far) * (1.0 - below(edge)), (0, 0), 0.7)[..., None]
+    pale = image + (250.0 - image) * 0.8 * streaks - 22.0 * behind
+    skyline = find_skyline(np.clip(pale, 0, 255).round().astype(np.uint8))
+    assert (used(skyline) & (np.abs(skyline.row_px - far) > 10.0)).mean() < 0.02
+
+
+def test_where_a_faint_ridge_meets_the_sharp_one_neither_is_claimed():
+    edge, image = scene()
+    far = edge - np.maximum(0.0, 60.0 - COLUMNS / 7.5)  # they meet in the middle, at a low angle
+    behind = cv2.GaussianBlur(below(far) * (1.0 - below(edge)), (0, 0), 0.7)[..., None]
+    skyline = find_skyline(np.clip(image - 10.0 * behind, 0, 255).round().astype(np.uint8))
+    assert not used(skyline)[:300].any()
+    assert (used(skyline) & (np.abs(skyline.row_px - far) > 2.0)).mean() < 0.02
+    assert used(skyline)[600:].all()
+
+
 def test_the_rim_of_the_sun_s_glare_is_no_skyline():
     edge, image = scene()
     distance = np.hypot(COLUMNS - 450.0, np.arange(HEIGHT)[:, None] - 260.0)[..., None]
