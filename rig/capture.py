@@ -351,8 +351,8 @@ def _standing_line(standing: Standing, altitude: AltitudeReading | None) -> str:
     base, heading = standing.attitude, standing.heading
     parts = [
         f"heading {base.azimuth_deg:.1f} +- {heading.sigma_deg:.1f}",
-        f"pitch {base.tilt_deg:.2f}",
-        f"roll {base.roll_deg:.2f} deg (residual {standing.level.residual_deg:.3f})",
+        f"pitch {base.tilt_deg:z.2f}",
+        f"roll {base.roll_deg:z.2f} deg (residual {standing.level.residual_deg:.3f})",
     ]
     if altitude:
         parts.append(f"altitude {altitude.altitude_m:.1f} +- {altitude.sigma_m:.1f} m")
@@ -363,6 +363,6 @@ def _view_line(direction: Direction, view: View) -> str:
     seen = f"skyline in {view.skyline_share:.0%} of the columns" if view.skyline_share else "no skyline"
     pointing = view.pointing
     return (
-        f"{direction.label}: azimuth {pointing.azimuth_deg:.2f}, tilt {pointing.tilt_deg:.2f}, "
-        f"roll {pointing.roll_deg:.2f} deg; {seen}"
+        f"{direction.label}: azimuth {pointing.azimuth_deg:.2f}, tilt {pointing.tilt_deg:z.2f}, "
+        f"roll {pointing.roll_deg:z.2f} deg; {seen}"
     )

@@ -81,7 +81,7 @@ def check_pan_tilt(section: PanTiltSection) -> DeviceCheck:
         return DeviceCheck(
             "pan and tilt",
             head.identify(),
-            f"pan {last.pan_deg:.1f}, tilt {last.tilt_deg:.1f} deg",
+            f"pan {last.pan_deg:z.1f}, tilt {last.tilt_deg:z.1f} deg",
             f"{scatter.max():.3f} deg",
             last.volts,
             last.temps,
@@ -101,7 +101,7 @@ def check_inclinometer(section: InclinometerSection) -> DeviceCheck:
         return DeviceCheck(
             "inclinometer",
             chip.identify(),
-            f"tilt {level.tilt_deg:.3f}, roll {level.roll_deg:.3f} deg",
+            f"tilt {level.tilt_deg:z.3f}, roll {level.roll_deg:z.3f} deg",
             f"{noise_deg:.4f} deg in {section.average_s:g} s",
             (),
             (temperature_c,),

@@ -72,9 +72,9 @@ def move(
     if azimuth_deg is not None:
         looks = (
             f"azimuth {found['azimuth_deg']:.2f} +- {found['azimuth_sigma_deg']:.2f}, "
-            f"tilt {found['camera_tilt_deg']:.2f}, roll {found['camera_roll_deg']:.2f} deg; joints: "
+            f"tilt {found['camera_tilt_deg']:z.2f}, roll {found['camera_roll_deg']:z.2f} deg; joints: "
         )
-    click.echo(f"{looks}pan {found['pan_deg']:.2f}, tilt {found['tilt_deg']:.2f} deg, torque off")
+    click.echo(f"{looks}pan {found['pan_deg']:z.2f}, tilt {found['tilt_deg']:z.2f} deg, torque off")
 
 
 def _turn(section: PanTiltSection, goal_deg: tuple[float, float] | None, park: bool) -> dict[str, Any]:

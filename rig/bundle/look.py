@@ -123,19 +123,19 @@ def _shown(found: dict[str, Any]) -> str:
         lines.append(f"  number {found['series']['number']} of {found['series']['id']}")
     if "heading_deg" in known:
         lines.append(
-            f"  vehicle: heading {known['heading_deg']:.2f}, pitch {known.get('pitch_deg', 0.0):.2f}, "
-            f"roll {known.get('roll_deg', 0.0):.2f} deg"
+            f"  vehicle: heading {known['heading_deg']:.2f}, pitch {known.get('pitch_deg', 0.0):z.2f}, "
+            f"roll {known.get('roll_deg', 0.0):z.2f} deg"
         )
     lines.append(
         f"  common to all frames: azimuth +- {known['azimuth_bias_sigma_deg']:.2f}, "
-        f"tilt +- {known['tilt_bias_sigma_deg']:.3f} deg"
+        f"tilt +- {known['tilt_bias_sigma_deg']:z.3f} deg"
     )
     for frame in found["frames"]:
         share = frame["skyline_share"]
         seen = "" if share is None else f", skyline in {share:.0%} of the columns"
         lines.append(
-            f"  {frame['label']}: azimuth {frame['azimuth_deg']:.2f}, tilt {frame['tilt_deg']:.2f}, "
-            f"roll {frame['roll_deg']:.2f} deg{seen}"
+            f"  {frame['label']}: azimuth {frame['azimuth_deg']:.2f}, tilt {frame['tilt_deg']:z.2f}, "
+            f"roll {frame['roll_deg']:z.2f} deg{seen}"
         )
         if frame["servo_volts"]:
             volts, temps = (

@@ -1,7 +1,6 @@
 """Where to tilt so that the whole skyline lies in the picture, away from its edges."""
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -52,8 +51,3 @@ def confident_fraction(skyline: Skyline) -> float:
 def state_counts(skyline: Skyline) -> dict[str, int]:
     """How many columns are in which state, by its name in lower case."""
     return {state.name.lower(): int(np.count_nonzero(skyline.state == state)) for state in ColumnState}
-
-
-def search_tilts_deg(first_deg: float, step_deg: float) -> Sequence[float]:
-    """Where to look for a skyline that the first picture does not show at all: up first, terrain being near."""
-    return (first_deg + step_deg, first_deg - step_deg)

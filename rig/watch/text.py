@@ -103,9 +103,9 @@ def _device(status: DeviceStatus) -> dict[str, Any]:
 def _reading(name: str, values: Mapping[str, Any]) -> str:
     if name == "head":
         moving = ", moving" if values["moving"] else ""
-        return f"pan {values['pan_deg']:.2f}, tilt {values['tilt_deg']:.2f} deg{moving}"
+        return f"pan {values['pan_deg']:z.2f}, tilt {values['tilt_deg']:z.2f} deg{moving}"
     if name == "inclinometer":
-        return f"tilt {values['tilt_deg']:.3f}, roll {values['roll_deg']:.3f} deg"
+        return f"tilt {values['tilt_deg']:z.3f}, roll {values['roll_deg']:z.3f} deg"
     if name == "compass" and "heading_deg" in values:
         return f"{values['heading_deg']:.1f} deg {values['reference']}"
     if name == "compass":
