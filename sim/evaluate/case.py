@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 
 NEAR_CELLS = 3.0
 STRAY_PX = 3.0
-NO_BOUND = Bound(None, None, None)
+NO_BOUND = Bound(None, None, None, None)
 
 
 @dataclass(frozen=True)
@@ -157,6 +157,7 @@ def _row(
         crlb_rms_m=rms_m(bound.covariance_m2),
         crlb_free_altitude_rms_m=rms_m(bound.free_altitude_m2),
         crlb_far_horizon_rms_m=rms_m(bound.far_horizon_m2),
+        crlb_wary_rms_m=rms_m(bound.wary_m2),
         easting_m=fix.position.easting_m if fix.position else None,
         northing_m=fix.position.northing_m if fix.position else None,
         dem_error_m=errors.dem_error_m if errors else None,

@@ -41,12 +41,14 @@ class Bound:
     """Covariances (2, 2) of true east and north, metres squared; None where the contours do not determine the place.
 
     ``free_altitude_m2`` forgets that the camera stands on the DEM's ground: altitude comes from the altimeter alone.
-    ``far_horizon_m2`` leaves out the columns whose horizon is nearer than NEAR_CELLS.
+    ``far_horizon_m2`` leaves out the columns whose horizon is nearer than NEAR_CELLS. ``wary_m2`` does both, as a search
+    must that takes a DEM's word neither for the ground under the camera nor for what is close by.
     """
 
     covariance_m2: Array | None
     free_altitude_m2: Array | None
     far_horizon_m2: Array | None
+    wary_m2: Array | None
 
 
 def rms_m(covariance_m2: Array | None) -> float | None:
@@ -82,10 +84,12 @@ def cramer_rao_bound(
     prior = _prior_information(scenario, size)
     near_m = NEAR_CELLS * float(np.mean(truth.surface.terrain.cell_size_m()))
     far = np.append(np.hypot(*crests[ok].T) >= near_m, [True, True])
+    wary = np.append(far[:-1], False)
     return Bound(
         covariance_m2=position_covariance(seen, noise, prior),
         free_altitude_m2=position_covariance(seen[:-1], noise[:-1, :-1], prior),
         far_horizon_m2=position_covariance(seen[far], noise[np.ix_(far, far)], prior),
+        wary_m2=position_covariance(seen[wary], noise[np.ix_(wary, wary)], prior),
     )
 
 

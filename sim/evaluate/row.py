@@ -34,6 +34,7 @@ class CaseRow(BaseModel):
     crlb_rms_m: float | None
     crlb_free_altitude_rms_m: float | None
     crlb_far_horizon_rms_m: float | None
+    crlb_wary_rms_m: float | None
     easting_m: float | None
     northing_m: float | None
     dem_error_m: float | None

@@ -93,6 +93,7 @@ def summarize(rows: Sequence[CaseRow]) -> dict[str, Any]:
         "rmse_over_crlb": _over_bound(right, "crlb_rms_m"),
         "rmse_over_free_altitude_crlb": _over_bound(right, "crlb_free_altitude_rms_m"),
         "rmse_over_far_horizon_crlb": _over_bound(right, "crlb_far_horizon_rms_m"),
+        "rmse_over_wary_crlb": _over_bound(right, "crlb_wary_rms_m"),
         "coverage": coverage(right),
         "coverage_fixes": len(right),
         "reliability": reliability(rows),

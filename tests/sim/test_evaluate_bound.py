@@ -114,6 +114,7 @@ def test_a_horizon_close_by_counts_only_where_the_surface_is_known_exactly(surfa
         truth, clean, columns = drawn(surface, scenario(), case)
         bound = cramer_rao_bound(truth, scenario(), columns, clean)
         worse.append(rms_m(bound.far_horizon_m2) / rms_m(bound.covariance_m2))
+        assert rms_m(bound.wary_m2) >= max(rms_m(bound.far_horizon_m2), rms_m(bound.free_altitude_m2)) - 1e-9
     assert min(worse) >= 1.0 - 1e-9
     assert max(worse) > 1.2
 
