@@ -26,10 +26,22 @@ def telling_columns(here: Evaluation, sigma: Floats) -> NDArray[np.bool_]:
     return np.asarray(~_hidden(here, sigma) & ~_undecided(here, sigma))
 
 
+def visible_columns(here: Evaluation, sigma: Floats) -> NDArray[np.bool_]:
+    """Columns (n,) that show terrain that the DEM has, even where it is left open which."""
+    return ~_hidden(here, sigma)
+
+
+def visible_residual(here: Evaluation, sigma: Floats) -> Floats:
+    """Residuals (n,) in radians of what is seen; of undecided columns from the horizon or what stands near, as fits better."""
+    by_near = here.residual - here.above
+    nearer = _undecided(here, sigma) & (np.abs(by_near) < np.abs(here.residual))
+    return np.where(nearer, by_near, here.residual)
+
+
 def surprise(here: Evaluation, sigma: Floats) -> Floats:
     """What columns (n,) cost (in logarithms) beyond one that fits exactly: by their residuals, or for being hidden."""
-    hidden = _hidden(here, sigma)
-    return np.asarray(np.where(hidden, np.log(CHANCE_RAD / sigma), geman_mcclure(here.residual / sigma)))
+    by_residual = geman_mcclure(visible_residual(here, sigma) / sigma)
+    return np.asarray(np.where(visible_columns(here, sigma), by_residual, np.log(CHANCE_RAD / sigma)))
 
 
 def _hidden(here: Evaluation, sigma: Floats) -> NDArray[np.bool_]:
@@ -60,12 +72,12 @@ def geman_mcclure(normalised: Floats) -> Floats:
 
 
 def stray_loss(problem: Problem, here: Evaluation, sigma: Floats) -> float:
-    """What stray, hidden and undecided columns cost beyond what their weights leave of them in the sum of squares.
+    """What stray and hidden columns cost beyond what their weights leave of them in the sum of squares.
 
     They come in stretches of about STRAY_RAD, each of which is one accident.
     """
-    normalised = here.residual / sigma
-    weighted = 0.5 * normalised**2 * weights(telling_columns(here, sigma), normalised)
+    normalised = visible_residual(here, sigma) / sigma
+    weighted = 0.5 * normalised**2 * weights(visible_columns(here, sigma), normalised)
     lost = surprise(here, sigma) - weighted
     return float(lost.sum() / (problem.block_columns * STRAY_RAD / BLOCK_RAD))
 

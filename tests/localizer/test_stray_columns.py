@@ -64,8 +64,11 @@ def test_what_stands_near_and_hardly_higher_leaves_open_what_is_seen(sigmas):
     assert not tells(column(sigmas * SIGMA_RAD, near=True, above_rad=SIGMA_RAD))
 
 
-def test_an_undecided_column_costs_what_a_telling_one_would():
-    assert cost(column(1.5 * SIGMA_RAD, near=True, above_rad=SIGMA_RAD)) == pytest.approx(
+def test_an_undecided_column_costs_what_a_telling_one_would_of_what_it_fits_better():
+    assert cost(column(-1.5 * SIGMA_RAD, near=True, above_rad=SIGMA_RAD)) == pytest.approx(
+        cost(column(-1.5 * SIGMA_RAD, near=False))
+    )
+    assert cost(column(2.5 * SIGMA_RAD, near=True, above_rad=SIGMA_RAD)) == pytest.approx(
         cost(column(1.5 * SIGMA_RAD, near=False))
     )
 
