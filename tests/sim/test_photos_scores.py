@@ -104,7 +104,7 @@ TRIAL = Trial(
 
 def test_a_wrong_fix_stands_out_and_is_counted():
     wrong = dataclasses.replace(TRIAL, name="yo", error_m=4000.0, verdict="WRONG")
-    evaluation = PhotoEvaluation([], [TRIAL, wrong])
+    evaluation = PhotoEvaluation([], [], [TRIAL, wrong])
     assert evaluation.wrong_fixes == [wrong]
     assert "**WRONG**" in tables.position_table(evaluation.trials)
     assert tables.position_summary(evaluation.trials).splitlines()[-1] == (

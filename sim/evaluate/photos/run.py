@@ -1,4 +1,4 @@
-"""The evaluation on photographs: all pictures traced, all standpoints searched for, two tables."""
+"""The evaluation on photographs: all pictures traced, some of them made harder, all standpoints searched for."""
 
 import math
 import tempfile
@@ -12,10 +12,11 @@ from localizer.horizon.from_image import find_skyline
 from sim.errors import SimulationError
 from sim.evaluate.photos import tables
 from sim.evaluate.photos.position_search import Trial, search, terrain_of
-from sim.evaluate.photos.skyline_score import score_skyline
+from sim.evaluate.photos.skyline_score import PictureScore, score_skyline
 from sim.evaluate.photos.source import existing
+from sim.evaluate.photos.spoilt_pictures import spoilt_pictures
 from sim.evaluate.photos.standpoints import standpoints
-from sim.evaluate.photos.traced_pictures import traced_pictures
+from sim.evaluate.photos.traced_pictures import TracedPicture, traced_pictures
 
 
 @dataclass(frozen=True)
@@ -23,6 +24,7 @@ class PhotoEvaluation:
     """What was measured, and whether the localizer was honest."""
 
     pictures: Sequence[tables.Scored]
+    spoilt: Sequence[tuple[str, PictureScore]]
     trials: Sequence[Trial]
 
     @property
@@ -41,7 +43,7 @@ class PhotoEvaluation:
         }
 
     def markdown(self) -> str:
-        """Both tables with their summaries."""
+        """All tables with their summaries."""
         return "\n\n".join(
             [
                 "## Skylines: found against known, px at 1000 px width",
@@ -49,6 +51,8 @@ class PhotoEvaluation:
                 tables.skyline_summary(self.pictures),
                 "Pictures that failed:",
                 tables.skyline_failures(self.pictures),
+                "Made harder on purpose:",
+                tables.spoilt_table(self.spoilt),
                 "## Places: the whole DEM searched",
                 tables.position_summary(self.trials),
                 tables.position_table(self.trials),
@@ -70,17 +74,24 @@ def evaluate_photos(
     Raises SimulationError for data that are missing or broken, and if `out_dir` cannot be written.
     """
     existing(data_dir)
+    traced = list(traced_pictures(data_dir))
     pictures = []
-    for picture in traced_pictures(data_dir):
-        score = score_skyline(
-            find_skyline(picture.image_bgr), picture.true_row_px, picture.image_bgr.shape[0]
-        )
+    for picture in traced:
+        score = _score(picture)
         pictures.append((picture.dataset, picture.name, picture.half, score))
         progress(f"{picture.dataset} {picture.name}: skyline {score.verdict}")
-    evaluation = PhotoEvaluation(pictures, _search_all(data_dir, progress))
+    spoilt = []
+    for change, picture in spoilt_pictures(traced):
+        spoilt.append((change, _score(picture)))
+        progress(f"{picture.dataset} {picture.name}, {change}: skyline {spoilt[-1][1].verdict}")
+    evaluation = PhotoEvaluation(pictures, spoilt, _search_all(data_dir, progress))
     if out_dir is not None:
         _write(evaluation, out_dir)
     return evaluation
+
+
+def _score(picture: TracedPicture) -> PictureScore:
+    return score_skyline(find_skyline(picture.image_bgr), picture.true_row_px, picture.image_bgr.shape[0])
 
 
 def _search_all(data_dir: Path, progress: Callable[[str], None]) -> list[Trial]:

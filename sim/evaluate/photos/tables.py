@@ -1,4 +1,4 @@
-"""The two tables, as markdown (for the screen and the documentation) and as CSV."""
+"""The tables, as markdown (for the screen and the documentation) and as CSV."""
 
 import csv
 import io
@@ -53,6 +53,15 @@ def skyline_failures(pictures: Sequence[Scored]) -> str:
         if score.verdict != "ok"
     ]
     return markdown(["pictures", "name", "half", *_SKYLINE_FIGURES, "verdict"], rows)
+
+
+def spoilt_table(spoilt: Sequence[tuple[str, PictureScore]]) -> str:
+    """One row a change, over the confident columns of the pictures that it was made to."""
+    groups: dict[str, list[PictureScore]] = {}
+    for name, score in spoilt:
+        groups.setdefault(name, []).append(score)
+    rows = [[name, str(len(scores)), *_figures(together(scores))] for name, scores in groups.items()]
+    return markdown(["change", "number", *_SKYLINE_FIGURES], rows)
 
 
 def position_table(trials: Sequence[Trial]) -> str:
