@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+import json
 import math
 import sys
 from pathlib import Path
@@ -110,6 +111,16 @@ def test_a_wrong_fix_stands_out_and_is_counted():
     assert tables.position_summary(evaluation.trials).splitlines()[-1] == (
         "| rendered | found | 2 deg | known | 1 | 0 | 0 | 0 | 1 |"
     )
+
+
+def test_everything_that_was_measured_is_json_too():
+    good = score_skyline(found([5.0] * 3, [1.0] * 3), np.full(3, 5.0), 9)
+    silent = score_skyline(found([5.0] * 3, [0.0] * 3), np.full(3, 5.0), 9)
+    evaluation = PhotoEvaluation([("hand", "a", TUNED_ON, good)], [("dusk", silent)], [TRIAL])
+    read = json.loads(json.dumps(evaluation.fields(), allow_nan=False))
+    assert read["pictures"][0]["median_px"] == 0.0
+    assert (read["made_harder"][0]["change"], read["made_harder"][0]["median_px"]) == ("dusk", None)
+    assert read["places"][0]["verdict"] == "right"
 
 
 def test_the_halves_are_reported_apart_and_together():

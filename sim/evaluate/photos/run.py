@@ -36,9 +36,10 @@ class PhotoEvaluation:
         """Every picture and every search as JSON values; null for what is not a number."""
         return {
             "pictures": [
-                {"dataset": dataset, "name": name, "half": half, **_json_values(asdict(score))}
+                {"dataset": dataset, "name": name, "half": half, **score.figures()}
                 for dataset, name, half, score in self.pictures
             ],
+            "made_harder": [{"change": change, **score.figures()} for change, score in self.spoilt],
             "places": [_json_values(asdict(trial)) for trial in self.trials],
         }
 

@@ -54,6 +54,21 @@ class PictureScore:
         number = int(self.confident.sum())
         return float((which & self.confident).sum() / number) if number else 0.0
 
+    def figures(self) -> dict[str, float | int | str | None]:
+        """As JSON values: the confident columns' errors in px at REFERENCE_WIDTH_PX, and shares; None where there are none."""
+        size_px = self.size_px(confident_only=True)
+        some = size_px.size > 0
+        return {
+            "columns": self.columns,
+            "confident_share": self.confident_share if self.columns else None,
+            "median_px": float(np.median(size_px)) if some else None,
+            "p95_px": float(np.percentile(size_px, 95)) if some else None,
+            "far_off_share": float(np.mean(size_px > FAR_OFF_PX)) if some else None,
+            "above_share": self.above_share,
+            "below_share": self.below_share,
+            "verdict": self.verdict,
+        }
+
     @property
     def verdict(self) -> str:
         """What became of the picture, in two words."""
