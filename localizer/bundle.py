@@ -201,6 +201,8 @@ def load_bundle(path: Path) -> Bundle:
         what = "is not a directory" if path.exists() else "does not exist"
         raise BundleError(f"{path}: {what}; a bundle is a directory with a {FILE_NAME}")
     file = path / FILE_NAME
+    if file.exists() and not file.is_file():  # a pipe would be waited for
+        raise BundleError(f"{file}: is not a file but a directory or a pipe, so {path} is not a bundle")
     try:
         text = file.read_bytes()
     except FileNotFoundError:

@@ -76,6 +76,8 @@ def read_tile(path: Path, vertical_unit: str | None, crs: str | None, nodata: fl
         raise DemError(f"{path}: no such file")
     if path.is_dir():
         raise DemError(f"{path}: is a directory, not an elevation file")
+    if not path.is_file():  # it would be waited for
+        raise DemError(f"{path}: is a pipe or a device, not an elevation file")
     try:
         with warnings.catch_warnings(), rasterio.Env(GTIFF_REPORT_COMPD_CS=True):
             warnings.simplefilter("ignore", NotGeoreferencedWarning)  # said more clearly below
@@ -147,8 +149,8 @@ def _crs_of(dataset: "DatasetReader", path: Path, option: str | None) -> CRS:
     try:
         crs = CRS.from_user_input(option if option is not None else dataset.crs.to_wkt())
     except CRSError:
-        where = "--crs" if option is not None else str(path)
-        raise DemError(f"{where}: not a coordinate reference system: {option or dataset.crs}") from None
+        where, stated = ("--crs", repr(option)) if option is not None else (str(path), dataset.crs)
+        raise DemError(f"{where}: not a coordinate reference system: {stated}") from None
     if not (crs.is_geographic or crs.is_projected):
         raise DemError(f"{path}: {crs.name} is neither geographic nor projected; name another with --crs")
     return crs if option is not None else _named(crs, dataset)

@@ -102,6 +102,8 @@ def crs_name(crs: CRS) -> str:
 
 
 def _read_tile(path: Path) -> tuple[NDArray[np.float32], Affine, CRS]:
+    if path.exists() and not path.is_file():  # a pipe would be waited for
+        raise SimulationError(f"DEM {path}: is not a file but a directory or a pipe")
     try:
         with rasterio.open(path) as dataset:
             if dataset.crs is None:
@@ -117,6 +119,10 @@ def _read_tile(path: Path) -> tuple[NDArray[np.float32], Affine, CRS]:
             )
     except (rasterio.errors.RasterioError, CRSError) as error:
         raise SimulationError(f"DEM {path}: {error}; name a raster that GDAL reads") from error
+    if not (crs.is_geographic or crs.is_projected):
+        raise SimulationError(
+            f"DEM {path}: its CRS, {crs.name}, is nowhere on the Earth; correct it, for example with gdal_edit"
+        )
     if not np.isfinite(height_m).any():
         raise SimulationError(f"DEM {path}: holds nothing but voids; name another file")
     return height_m.astype(np.float32), transform, crs

@@ -200,6 +200,8 @@ class _ZipWriter:
 
 def _members(path: Path) -> Iterator[tuple[str, bytes]]:
     """Names and contents of an archive's files, in order."""
+    if path.exists() and not path.is_file():  # a pipe would be waited for
+        raise ArchiveError(f"{path}: is not a file but a directory or a pipe")
     try:
         if zipfile.is_zipfile(path):
             with zipfile.ZipFile(path) as archive:

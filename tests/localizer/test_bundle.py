@@ -148,6 +148,14 @@ def test_a_link_to_itself_and_a_pipe_are_refused(bundle_dir):
         load_bundle(bundle_dir)
 
 
+@pytest.mark.parametrize("make", [os.mkfifo, os.mkdir])
+def test_a_bundle_json_that_is_no_file_is_refused_and_not_waited_for(bundle_dir, make):
+    (bundle_dir / "bundle.json").unlink()
+    make(bundle_dir / "bundle.json")
+    with pytest.raises(BundleError, match=r"bundle\.json: is not a file but a directory or a pipe"):
+        load_bundle(bundle_dir)
+
+
 def test_a_small_file_that_claims_to_be_a_gigantic_picture_is_not_decoded(bundle_dir, edit_bundle):
     header = struct.pack(">IIBBBBB", 60_000, 60_000, 8, 2, 0, 0, 0)
     content = b"\x89PNG\r\n\x1a\n" + b"".join(

@@ -1,3 +1,4 @@
+import os
 import warnings
 from pathlib import Path
 
@@ -216,6 +217,9 @@ def test_no_file_a_directory_no_raster_and_a_cut_file_are_refused(tmp_path, writ
         load_dem([tmp_path / "nowhere.tif"])
     with pytest.raises(DemError, match="is a directory"):
         load_dem([tmp_path])
+    os.mkfifo(tmp_path / "pipe.tif")
+    with pytest.raises(DemError, match="is a pipe or a device"):
+        load_dem([tmp_path / "pipe.tif"])
     text = tmp_path / "notes.txt"
     text.write_text("not a raster")
     with pytest.raises(DemError, match="not an elevation raster"):
@@ -231,8 +235,10 @@ def test_no_file_a_directory_no_raster_and_a_cut_file_are_refused(tmp_path, writ
 
 def test_a_wrong_option_is_refused(write_raster, ramp):
     path = write_raster(ramp)
-    with pytest.raises(DemError, match=r"--crs: not a coordinate reference system: EPSG:nonsense"):
+    with pytest.raises(DemError, match=r"--crs: not a coordinate reference system: 'EPSG:nonsense'"):
         load_dem([path], crs="EPSG:nonsense")
+    with pytest.raises(DemError, match=r"--crs: not a coordinate reference system: ''"):
+        load_dem([path], crs="")
     with pytest.raises(DemError, match="--vertical-unit: furlong"):
         load_dem([path], vertical_unit="furlong")
 

@@ -164,6 +164,15 @@ def test_a_changed_byte_in_an_archive_is_found_out(written: Path, tmp_path: Path
     assert "bundle.json is missing, was added or has changed" in result.output
 
 
+@pytest.mark.parametrize("command", ["verify", "import"])
+def test_a_pipe_named_as_an_archive_is_not_waited_for(tmp_path: Path, command: str) -> None:
+    archive = tmp_path / "trip.tar"
+    os.mkfifo(archive)
+    where = ["--out", tmp_path / "home"] if command == "import" else []
+    result = run(command, archive, *where)
+    assert "is not a file but a directory or a pipe" in f"{result.output}{result.exception}"
+
+
 def test_an_archive_that_leads_outside_is_refused(tmp_path: Path) -> None:
     archive = tmp_path / "evil.tar"
     with tarfile.open(archive, "w") as tar:

@@ -1,5 +1,6 @@
 """The simulator's own reading of DEM files."""
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -54,6 +55,8 @@ def test_what_is_wrong_with_a_file_is_said_in_one_line(write_dem: WriteDem, tmp_
     hills = np.ones((4, 4))
     text = tmp_path / "notes.txt"
     text.write_text("no raster")
+    pipe = tmp_path / "pipe.tif"
+    os.mkfifo(pipe)
     cases = {
         "names no CRS": [write_dem(hills, crs=None, name="bare.tif")],
         "nothing but voids": [write_dem(np.full((4, 4), -1.0), void=-1.0, name="void.tif")],
@@ -63,6 +66,10 @@ def test_what_is_wrong_with_a_file_is_said_in_one_line(write_dem: WriteDem, tmp_
             write_dem(hills, corner=(7.0, 0.0), name="askew.tif"),
         ],
         "name a raster": [text],
+        "is not a file but a directory or a pipe": [pipe],
+        "is nowhere on the Earth": [
+            write_dem(hills, crs='LOCAL_CS["site",UNIT["metre",1]]', name="site.tif")
+        ],
         "no DEM given": [],
     }
     for message, paths in cases.items():
