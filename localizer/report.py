@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pyproj import CRS
 from pyproj.exceptions import CRSError
 
-from localizer.crs import transform_xy
+from localizer.crs import WGS84, transform_xy
 from localizer.dem import Dem
 from localizer.details import CONTRADICTS, LocateDetails
 from localizer.errors import SkyfixError
@@ -19,6 +19,9 @@ from localizer.geodesy import meridian_convergence_deg
 CHI2_95 = 5.991
 """95 % of a normal distribution in the plane lies within this squared distance in sigmas."""
 
+FARTHEST_M = 1e8
+"""Beyond any coordinate of a map."""
+
 Covariance = tuple[tuple[float, float], tuple[float, float]]
 
 
@@ -27,8 +30,8 @@ class Truth(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
 
-    easting_m: float
-    northing_m: float
+    easting_m: Annotated[float, Field(ge=-FARTHEST_M, le=FARTHEST_M)]
+    northing_m: Annotated[float, Field(ge=-FARTHEST_M, le=FARTHEST_M)]
     crs: Annotated[str, Field(min_length=1)]
 
     def metric(self, dem: Dem) -> tuple[float, float]:
@@ -57,7 +60,7 @@ def load_truth(path: Path) -> Truth:
     """Read a JSON file with easting_m, northing_m and crs. Raises ``SkyfixError``."""
     try:
         truth = Truth.model_validate_json(path.read_bytes())
-        CRS.from_user_input(truth.crs)
+        crs = CRS.from_user_input(truth.crs)
     except OSError as error:
         raise SkyfixError(f"{path}: {error.strerror}") from None
     except ValidationError as error:
@@ -66,6 +69,10 @@ def load_truth(path: Path) -> Truth:
         raise SkyfixError(f"{path}: {field}{': ' if field else ''}{first['msg']}") from None
     except CRSError:
         raise SkyfixError(f"{path}: crs: {truth.crs} is not a coordinate reference system") from None
+    if not crs.is_projected:
+        raise SkyfixError(f"{path}: crs: {truth.crs} has no eastings and northings; name a projected one")
+    if not np.isfinite(transform_xy(crs, WGS84, truth.easting_m, truth.northing_m)).all():
+        raise SkyfixError(f"{path}: easting_m, northing_m: lie where {truth.crs} is not defined")
     return truth
 
 
