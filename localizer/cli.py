@@ -9,7 +9,7 @@ import click
 
 from localizer import command_line
 from localizer.bundle import frame_image, load_bundle
-from localizer.command_line import check_picture_path
+from localizer.command_line import OutputFolder, check_picture_path, writing
 from localizer.completion import completion_command, folders
 from localizer.dem import load_dem
 from localizer.dem_info import dem_info, info_fields, info_text, suspect_zeros, zeros_note
@@ -54,7 +54,7 @@ def localizer() -> None:
     "--report",
     "report_folder",
     metavar="DIR",
-    type=click.Path(path_type=Path),
+    type=OutputFolder(),
     help="Write a page with all about the result, a raster of probabilities and the places as GeoJSON, GPX and KML "
     "into this folder.",
 )
@@ -109,7 +109,8 @@ def locate(
     if plot_path is not None:
         from localizer.plot import draw_fix
 
-        draw_fix(plot_path, images, result, dem, truth)
+        with writing("--plot", plot_path):
+            draw_fix(plot_path, images, result, dem, truth)
     if report_folder is not None:
         from localizer.export.folder import write_report
 

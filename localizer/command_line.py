@@ -1,8 +1,13 @@
 """What commands share: how they end (one clear line for an expected failure, the contract's exit status), common options."""
 
+import errno
+import math
 import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import click
 
@@ -33,7 +38,51 @@ def run(command: click.Command, program: str) -> NoReturn:
         _fail(program, str(error), error.exit_status)
     except (click.Abort, KeyboardInterrupt):
         _fail(program, "interrupted", INTERRUPTED)
+    except OSError as error:
+        if error.errno != errno.ENOSPC:
+            raise
+        where = f"{error.filename}: " if error.filename else ""
+        _fail(program, f"{where}the disk is full; make room, or write elsewhere", 2)
     sys.exit(status if isinstance(status, int) else 0)
+
+
+class FiniteRange(click.FloatRange):
+    """A number within limits. Without this NaN lies within all of them, and infinity within half of them."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        number: float = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value!r} is not a finite number.", param, ctx)
+        return number
+
+
+class OutputFolder(click.Path):
+    """Where files are put. An empty name, as an unset variable of a script leaves it, would be the current folder."""
+
+    def __init__(self) -> None:
+        super().__init__(path_type=Path)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if value == "":
+            self.fail("the name of the folder is empty; for the current one say a dot.", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+def prepare_folder(option: str, folder: Path) -> None:
+    """Create the folder unless it is there, and make sure that files can be written: before the work, not after it.
+
+    Raises ``SkyfixError``.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except FileExistsError:
+        raise SkyfixError(f"{option}: {folder}: is a file; name a folder") from None
+    except OSError as error:
+        raise SkyfixError(
+            f"{option}: {folder}: cannot be written: {error.strerror}; name another folder"
+        ) from None
 
 
 def check_picture_path(option: str, path: Path) -> None:
@@ -42,6 +91,18 @@ def check_picture_path(option: str, path: Path) -> None:
         raise SkyfixError(f"{option}: {path}: no picture format; name it {', '.join(PICTURE_SUFFIXES)}")
     if not path.parent.is_dir():
         raise SkyfixError(f"{option}: {path}: no such folder: {path.parent}")
+    if path.is_dir():
+        raise SkyfixError(f"{option}: {path}: is a folder; name a file")
+    prepare_folder(option, path.parent)
+
+
+@contextmanager
+def writing(option: str, path: Path) -> Iterator[None]:
+    """While a file is written. Raises ``SkyfixError`` where the operating system refuses, say on a full disk."""
+    try:
+        yield
+    except OSError as error:
+        raise SkyfixError(f"{option}: {path}: cannot be written: {error.strerror}") from None
 
 
 def _fail(program: str, message: str, status: int) -> NoReturn:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from localizer.command_line import FiniteRange
 from rig.cli_options import config_option
 from rig.clock import wall_clock
 from rig.config import RigConfig, config_path, load_config
@@ -55,7 +56,7 @@ if TYPE_CHECKING:
 @click.option(
     "--every",
     "every_s",
-    type=click.FloatRange(min=0.0),
+    type=FiniteRange(min=0.0),
     default=0.0,
     metavar="SECONDS",
     help="From the beginning of one bundle of a series to the next; at once where a capture takes longer.",

@@ -6,6 +6,7 @@ from typing import Any
 
 import click
 
+from localizer.command_line import FiniteRange
 from rig.cli_options import config_option
 from rig.config import PanTiltSection, RigConfig, config_path, load_config
 from rig.errors import GoalError
@@ -23,7 +24,7 @@ from rig.signals import stopping_cleanly
     "--tilt",
     "camera_tilt_deg",
     metavar="T",
-    type=click.FloatRange(-90.0, 90.0),
+    type=FiniteRange(-90.0, 90.0),
     help="With --azimuth: how far above the horizon the camera looks; 0 unless given.",
 )
 @click.option("--park", is_flag=True, help="Go to [pan_tilt] park_pan_deg and park_tilt_deg.")

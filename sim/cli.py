@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NoReturn, ParamSpec, TypeVar
 import click
 
 from localizer import command_line
+from localizer.command_line import FiniteRange, OutputFolder, prepare_folder
 from localizer.completion import completion_command
 from sim.command import find_command, run_command
 from sim.drive_command import drive
@@ -126,7 +127,7 @@ def run_(
 @click.option(
     "--out",
     "folder",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=OutputFolder(),
     required=True,
     metavar="DIR",
     help="Where the pictures go.",
@@ -134,13 +135,13 @@ def run_(
 @click.option(
     "--azimuth",
     "azimuths_deg",
-    type=float,
+    type=FiniteRange(),
     multiple=True,
     default=(0.0, 90.0, 180.0, 270.0),
     show_default=True,
     help="True azimuth to look at, degrees; may be repeated.",
 )
-@click.option("--tilt", "tilt_deg", type=click.FloatRange(-60.0, 60.0), default=4.0, show_default=True)
+@click.option("--tilt", "tilt_deg", type=FiniteRange(-60.0, 60.0), default=4.0, show_default=True)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object: the files and the truth.")
 @one_line_failures
 def render(
@@ -156,6 +157,7 @@ def render(
 
     Example: sim render --seed 7 --azimuth 45 --out pictures
     """
+    prepare_folder("--out", folder)
     world = _make_world(dem_paths, seed, scenario_path)
 
     import cv2
@@ -174,7 +176,6 @@ def render(
         for azimuth_deg in azimuths_deg
     }
     pictures["sheet.png"] = contact_sheet(world, panorama, renderer)
-    folder.mkdir(parents=True, exist_ok=True)
     for name, picture in pictures.items():
         path = folder / name
         if not cv2.imwrite(str(path), picture):
@@ -190,7 +191,7 @@ def render(
 @click.option(
     "--out",
     "folder",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=OutputFolder(),
     default=Path("demo"),
     show_default=True,
     metavar="DIR",
@@ -207,6 +208,7 @@ def demo(
 
     Example: sim demo --seed 7 --out demo
     """
+    prepare_folder("--out", folder)
     world = _make_world(dem_paths, seed, scenario_path)
 
     from sim.demo import demo

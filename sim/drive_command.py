@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 from pyproj import Geod
 
+from localizer.command_line import FiniteRange
 from sim.errors import SimulationError
 from sim.failures import one_line_failures
 from sim.steering import SOCKET_NAME, steer
@@ -16,8 +17,8 @@ _WGS84 = Geod(ellps="WGS84")
 
 
 @click.command()
-@click.argument("lat_deg", type=click.FloatRange(-90.0, 90.0))
-@click.argument("lon_deg", type=click.FloatRange(-180.0, 180.0))
+@click.argument("lat_deg", type=FiniteRange(-90.0, 90.0))
+@click.argument("lon_deg", type=FiniteRange(-180.0, 180.0))
 @click.option(
     "--heading",
     "heading_deg",
@@ -25,7 +26,7 @@ _WGS84 = Geod(ellps="WGS84")
     help="Where the vehicle looks then; the way it drove unless given.",
 )
 @click.option(
-    "--seconds", type=click.FloatRange(min=0.5), default=5.0, show_default=True, help="How long it drives."
+    "--seconds", type=FiniteRange(min=0.5), default=5.0, show_default=True, help="How long it drives."
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the truth there as one JSON object.")
 @one_line_failures

@@ -73,6 +73,15 @@ def test_a_command_that_prints_data_prints_json(name: str) -> None:
     assert "--json" in options
 
 
+@pytest.mark.parametrize("name", LEAVES)
+def test_no_number_within_limits_may_be_nan(name: str) -> None:
+    """NaN lies within the limits of click's own range."""
+    for parameter in COMMANDS[name].params:
+        if isinstance(parameter.type, click.FloatRange):
+            with pytest.raises(click.BadParameter, match="not a finite number"):
+                parameter.type.convert("nan", parameter, None)
+
+
 def test_the_exceptions_are_commands_without_json() -> None:
     for name in WITHOUT_JSON:
         assert "--json" not in [option for parameter in COMMANDS[name].params for option in parameter.opts]

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from localizer import command_line
 from localizer.bundle import Bundle
 from localizer.dem import Dem
 from localizer.details import LocateResult
@@ -29,18 +30,16 @@ BESIDE_IT = (
 
 
 def prepare_folder(folder: Path) -> None:
-    """Create the folder unless it is there, and make sure that files can be written: before a search, not after it.
+    """Create the folder unless it is there, and make sure that the report can be written: before a search, not after it.
 
     Raises ``SkyfixError``.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except FileExistsError:
-        raise SkyfixError(f"--report: {folder}: is a file; name a folder") from None
-    except OSError as error:
-        raise SkyfixError(f"--report: {folder}: cannot be written: {error.strerror}") from None
+    command_line.prepare_folder("--report", folder)
+    for name in (PAGE, *(name for name, _ in BESIDE_IT)):
+        if (folder / name).is_dir():
+            raise SkyfixError(
+                f"--report: {folder / name}: is a folder where a file belongs; name another folder"
+            )
 
 
 def write_report(

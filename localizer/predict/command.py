@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from localizer.command_line import check_picture_path
+from localizer.command_line import FiniteRange, check_picture_path, writing
 from localizer.dem import load_dem
 from localizer.dem_options import dem_options
 from localizer.errors import SkyfixError
@@ -52,7 +52,7 @@ def parse_place(text: str) -> tuple[float, float]:
     "--mast-height",
     "mast_height_m",
     metavar="M",
-    type=click.FloatRange(0.0, 1000.0),
+    type=FiniteRange(0.0, 1000.0),
     default=2.0,
     show_default=True,
     help="Metres of the camera above the ground.",
@@ -61,7 +61,7 @@ def parse_place(text: str) -> tuple[float, float]:
     "--fov-deg",
     "width_deg",
     metavar="F",
-    type=click.FloatRange(1.0, 360.0),
+    type=FiniteRange(1.0, 360.0),
     help=f"Width of a view; {USUAL_WIDTH_DEG:g} unless given. 360 makes a panorama.",
 )
 @click.option(
@@ -132,8 +132,6 @@ def predict(
     if picture_path is not None:
         from localizer.predict.picture import draw_views
 
-        try:
+        with writing("--out", picture_path):
             draw_views(picture_path, terrain, place, views, cameras)
-        except OSError as error:
-            raise SkyfixError(f"--out: {picture_path}: {error.strerror}") from None
     click.echo(json.dumps(fields(place, views, notes)) if as_json else text(place, views, notes))

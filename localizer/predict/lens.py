@@ -53,7 +53,7 @@ def load_camera(path: Path) -> Camera:
         fields = json.loads(file.read_bytes())
     except OSError as error:
         raise SkyfixError(f"--camera: {file}: {error.strerror}") from None
-    except ValueError:
+    except (ValueError, RecursionError):  # the latter of brackets in thousands
         raise SkyfixError(f"--camera: {file}: is not JSON; name a bundle or its {FILE_NAME}") from None
     if isinstance(fields, dict) and "camera" in fields:
         fields = fields["camera"]

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from localizer.bundle import Bundle, load_bundle
+from localizer.command_line import writing
 from localizer.dem import Dem
 from localizer.errors import SkyfixError
 from localizer.report import Truth, report
@@ -55,7 +56,8 @@ def run_track(
     if plot_path is not None:
         from localizer.track.plot import draw_track
 
-        draw_track(plot_path, steps, odometry, dem, truths)
+        with writing("--plot", plot_path):
+            draw_track(plot_path, steps, odometry, dem, truths)
     return last.exit_status
 
 

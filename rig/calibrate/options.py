@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from localizer.command_line import FiniteRange
 from rig.cli_options import config_option
 from rig.signals import stopping_cleanly
 
@@ -90,7 +91,7 @@ def place_sigma_options(command: Command) -> Command:
     @click.option(
         "--place-sigma",
         "place_sigma_m",
-        type=click.FloatRange(0.1),
+        type=FiniteRange(0.1),
         default=4.0,
         show_default=True,
         help="How well the place is known, metres.",
@@ -98,7 +99,7 @@ def place_sigma_options(command: Command) -> Command:
     @click.option(
         "--dem-sigma",
         "dem_sigma_m",
-        type=click.FloatRange(0.0),
+        type=FiniteRange(0.0),
         default=1.5,
         show_default=True,
         help="How far the DEM's ridges are off in height, metres.",

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from localizer.command_line import FiniteRange
 from rig.calibrate.options import (
     Asked,
     at_option,
@@ -56,12 +57,12 @@ def boresight(
 )
 @dem_option
 @click.option(
-    "--within", "within_km", type=click.FloatRange(0.05), default=5.0, show_default=True, help="Kilometres."
+    "--within", "within_km", type=FiniteRange(0.05), default=5.0, show_default=True, help="Kilometres."
 )
 @click.option(
     "--mast",
     "mast_m",
-    type=click.FloatRange(0.1),
+    type=FiniteRange(0.1),
     default=2.0,
     show_default=True,
     help="Camera above ground, metres.",

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import click
 
+from localizer.command_line import FiniteRange
 from rig.calibrate.options import Asked, at_option, dem_option, json_option, known_place_of, session_options
 from rig.cli_options import config_option
 from rig.signals import stopping_cleanly
@@ -41,7 +42,7 @@ def inclinometer(
 @click.option(
     "--out", "path", metavar="FILE", type=click.Path(path_type=Path), required=True, help="CSV to add to."
 )
-@click.option("--minutes", type=click.FloatRange(0.0), default=60.0, show_default=True)
+@click.option("--minutes", type=FiniteRange(0.0), default=60.0, show_default=True)
 @json_option
 def temperature_log_(config_file: Path | None, path: Path, minutes: float, as_json: bool) -> None:
     """Log the inclinometer of a head that does not move while the day warms or cools it.
@@ -99,18 +100,16 @@ def compass(asked: Asked, headings: int, angles: int) -> None:
 @click.option(
     "--sigma",
     "sigma_m",
-    type=click.FloatRange(0.1),
+    type=FiniteRange(0.1),
     default=1.5,
     show_default=True,
     help="How well it is known, metres.",
 )
-@click.option(
-    "--air", "air_c", type=click.FloatRange(-60.0, 60.0), metavar="C", help="Temperature of the air."
-)
+@click.option("--air", "air_c", type=FiniteRange(-60.0, 60.0), metavar="C", help="Temperature of the air.")
 @click.option(
     "--drift",
     "drift_m_h",
-    type=click.FloatRange(0.0),
+    type=FiniteRange(0.0),
     default=4.0,
     show_default=True,
     help="Metres an hour that the weather may move it from then on.",

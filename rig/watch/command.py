@@ -9,6 +9,7 @@ from pathlib import Path
 
 import click
 
+from localizer.command_line import FiniteRange
 from rig.cli_options import config_option
 from rig.config import config_path, load_config
 from rig.signals import stopping_cleanly
@@ -24,13 +25,13 @@ HEARD_S = 15.0
     "--once", is_flag=True, help="Print once, as soon as every device has been heard or has failed."
 )
 @click.option(
-    "--for", "for_s", metavar="SECONDS", type=click.FloatRange(0.0, min_open=True), help="End by itself."
+    "--for", "for_s", metavar="SECONDS", type=FiniteRange(0.0, min_open=True), help="End by itself."
 )
 @click.option(
     "--every",
     "every_s",
     metavar="SECONDS",
-    type=click.FloatRange(0.1),
+    type=FiniteRange(0.1),
     default=1.0,
     show_default=True,
     help="Between two lines, where standard output is no terminal.",

@@ -5,6 +5,7 @@ from typing import Literal
 
 import click
 
+from localizer.command_line import OutputFolder, prepare_folder
 from sim.failures import one_line_failures
 from sim.options import dem_files
 
@@ -23,7 +24,7 @@ from sim.options import dem_files
 @click.option(
     "--out",
     "folder",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=OutputFolder(),
     metavar="DIR",
     help="Where table, summary and plots go; a table that is there already is continued.",
 )
@@ -99,7 +100,7 @@ def evaluate(
             raise click.UsageError("--estimator-only has no pictures; leave --level image away.")
         refuse_contour_faults(scenario)
     experiment = Experiment(dem_paths, scenario, seed, level, estimator_only)
-    folder.mkdir(parents=True, exist_ok=True)
+    prepare_folder("--out", folder)
     numbers = sorted(set(only)) or list(range(cases))
     with counting(len(numbers)) as report:
         rows = run_cases(experiment, numbers, folder / "cases.csv", jobs, fresh, report)

@@ -3,6 +3,7 @@ import os
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -293,17 +294,64 @@ def test_every_bad_input_of_locate_is_told_in_one_line_before_the_search(
     assert "Not a directory" in refused(
         "locate", bundle_dir, "--dem", dem_file, "--report", dem_file / "below"
     )
+    assert "name of the folder is empty" in refused("locate", bundle_dir, "--dem", dem_file, "--report", "")
+    (tmp_path / "folder.png").mkdir()
+    assert "is a folder; name a file" in refused(
+        "locate", bundle_dir, "--dem", dem_file, "--plot", tmp_path / "folder.png"
+    )
+    assert "cannot be written" in refused(
+        "locate", bundle_dir, "--dem", dem_file, "--plot", "/proc/self/fix.png"
+    )
     truth = tmp_path / "truth.json"
     assert "No such file" in refused("locate", bundle_dir, "--dem", dem_file, "--truth", truth)
     truth.write_text("{}")
     assert "easting_m" in refused("locate", bundle_dir, "--dem", dem_file, "--truth", truth)
-    truth.write_text('{"easting_m": 0, "northing_m": 0, "crs": "nonsense"}')
-    assert "crs" in refused("locate", bundle_dir, "--dem", dem_file, "--truth", truth)
+    for fields, complaint in (
+        ('{"easting_m": 0, "northing_m": 0, "crs": "nonsense"}', "crs: nonsense is not a coordinate"),
+        ('{"easting_m": 0, "northing_m": 0, "crs": "EPSG:5703"}', "crs: EPSG:5703 has no eastings"),
+        ('{"easting_m": 1e300, "northing_m": 0, "crs": "EPSG:32610"}', "easting_m: Input should be less"),
+        ('{"easting_m": 9e7, "northing_m": 9e7, "crs": "EPSG:32610"}', "lie where EPSG:32610 is not defined"),
+    ):
+        truth.write_text(fields)
+        assert complaint in refused("locate", bundle_dir, "--dem", dem_file, "--truth", truth)
     (bundle_dir / "frames" / "N.png").write_bytes(b"\x89PNG\r\n\x1a\n cut")
     assert "frames[N].sha256" in refused("locate", bundle_dir, "--dem", dem_file)
     (bundle_dir / "frames" / "N.png").unlink()
     assert "frames/N.png is missing" in refused("locate", bundle_dir, "--dem", dem_file)
     assert calls == []
+
+
+def test_a_picture_that_the_disk_refuses_is_told_in_one_line_after_the_answer(
+    run, searched, bundle_dir, dem_file, tmp_path
+):
+    searched("fix")
+    plot = tmp_path / "fix.png"
+    plot.symlink_to("/dev/full")
+    status, out, err = run("locate", bundle_dir, "--dem", dem_file, "--json", "--plot", plot)
+    assert status == 2
+    assert json.loads(out)["status"] == "fix"
+    assert err == f"localizer: --plot: {plot}: cannot be written: No space left on device\n"
+
+
+def test_an_answer_that_finds_the_disk_full_is_told_in_one_line(santa_cruz_file):
+    """As a process of its own, whose standard output is a full disk."""
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [
+                sys.executable,
+                "-c",
+                "from localizer.cli import main; main()",
+                "dem",
+                "info",
+                str(santa_cruz_file),
+            ],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert done.returncode == 2
+    assert done.stderr == "localizer: the disk is full; make room, or write elsewhere\n"
 
 
 @pytest.mark.parametrize("command", [[], ["locate"], ["predict"], ["dem"], ["dem", "info"]])

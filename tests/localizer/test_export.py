@@ -99,7 +99,8 @@ def exported(bundle_dir, tmp_path):
     images = {frame.label: np.full((12, 16, 3), 90, np.uint8) for frame in bundle.frames}
 
     def exported(dem, result, folder=tmp_path / "report"):
-        prepare_folder(folder)
+        if not folder.is_dir():  # else one that something happened to after it was prepared
+            prepare_folder(folder)
         write_report(folder, bundle, images, result, dem)
         return folder
 
@@ -278,6 +279,12 @@ def test_a_folder_that_cannot_be_written_is_told_in_one_line(tmp_path):
     for folder in (file, file / "below"):
         with pytest.raises(SkyfixError, match=r"^--report: .*file"):
             prepare_folder(folder)
+
+
+def test_a_folder_where_a_file_of_the_report_belongs_is_told_before_the_search(tmp_path):
+    (tmp_path / "report.html").mkdir()
+    with pytest.raises(SkyfixError, match=r"report\.html: is a folder where a file belongs"):
+        prepare_folder(tmp_path)
 
 
 def test_a_file_that_cannot_be_replaced_leaves_nothing_half_written(exported, tmp_path):

@@ -148,6 +148,28 @@ def test_a_bad_scenario_ends_with_one_line_and_status_2(
     assert message.count("\n") == 1
 
 
+@pytest.mark.parametrize(
+    ("folder", "said"),
+    [("", "the name of the folder is empty"), ("/proc/self/out", "--out: /proc/self/out: cannot be written")],
+)
+def test_a_folder_that_cannot_be_written_is_told_before_the_cases(
+    folder: str,
+    said: str,
+    crop: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    scenario = tmp_path / "small.toml"
+    scenario.write_text("[errors]\ncontour_sigma_px = 1.0\n")
+    monkeypatch.chdir(tmp_path)
+    assert run_command(monkeypatch, "--dem", crop, "--scenario", scenario, "--out", folder) == 2
+    message = capsys.readouterr().err
+    assert said in message
+    assert message.count("\n") == 1
+    assert [file.name for file in tmp_path.iterdir()] == ["small.toml"]
+
+
 def test_the_command_writes_table_summary_and_plots(
     crop: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
