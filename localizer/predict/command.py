@@ -12,6 +12,8 @@ from localizer.dem_options import dem_options
 from localizer.errors import SkyfixError
 
 MAIN_DIRECTIONS_DEG = (0.0, 90.0, 180.0, 270.0)
+PANORAMA_DEG = (180.0,)
+"""All round there is one view, from north to north; others would show the same."""
 USUAL_WIDTH_DEG = 66.0
 """Of the contract's example camera."""
 
@@ -46,7 +48,8 @@ def parse_place(text: str) -> tuple[float, float]:
     metavar="A",
     type=float,
     multiple=True,
-    help="True direction of the view's middle in degrees; repeat it for more views. Default: 0, 90, 180, 270.",
+    help="True direction of the view's middle in degrees; repeat it for more views. Default: 0, 90, 180, 270; "
+    "of a panorama 180.",
 )
 @click.option(
     "--mast-height",
@@ -118,7 +121,8 @@ def predict(
     from localizer.horizon.from_terrain import prepare_terrain
 
     terrain = prepare_terrain(dem)
-    directions_deg = [azimuth_deg % 360.0 for azimuth_deg in azimuths_deg or MAIN_DIRECTIONS_DEG]
+    usual_deg = PANORAMA_DEG if width_deg == 360.0 else MAIN_DIRECTIONS_DEG
+    directions_deg = [azimuth_deg % 360.0 for azimuth_deg in azimuths_deg or usual_deg]
     if camera is not None:
         width_deg = lens.width_deg(camera)
     views = [view(terrain, place, a, width_deg or USUAL_WIDTH_DEG) for a in directions_deg]

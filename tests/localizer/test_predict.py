@@ -178,6 +178,18 @@ def test_a_skyline_that_a_picture_cannot_hold_is_told(predict, tmp_path):
     assert "lies above or below the picture" in predict(*AT, "--camera", file, "--azimuth", "270")[1]
 
 
+def test_a_panorama_is_one_view_from_north_to_north_unless_asked_for_others(run, santa_cruz_file):
+    def directions(*arguments):
+        status, out, _ = run(
+            "predict", "--dem", santa_cruz_file, *AT, "--fov-deg", "360", "--json", *arguments
+        )
+        assert status == 0
+        return [seen["azimuth_deg"] for seen in json.loads(out)["views"]]
+
+    assert directions() == [180.0]
+    assert directions("--azimuth", "30", "--azimuth", "60") == [30.0, 60.0]
+
+
 def test_every_bad_input_of_predict_is_told_in_one_line(
     refused, santa_cruz_file, write_raster, tmp_path, bundle_dir
 ):
