@@ -39,10 +39,12 @@ def run(command: click.Command, program: str) -> NoReturn:
     except (click.Abort, KeyboardInterrupt):
         _fail(program, "interrupted", INTERRUPTED)
     except OSError as error:
-        if error.errno != errno.ENOSPC:
-            raise
         where = f"{error.filename}: " if error.filename else ""
-        _fail(program, f"{where}the disk is full; make room, or write elsewhere", 2)
+        if error.errno == errno.ENOSPC:
+            _fail(program, f"{where}the disk is full; make room, or write elsewhere", 2)
+        if isinstance(error, PermissionError) and where:  # even to ask whether a path exists may be forbidden
+            _fail(program, f"{where}permission denied; check who may read and write there", 2)
+        raise
     sys.exit(status if isinstance(status, int) else 0)
 
 
