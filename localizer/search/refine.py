@@ -26,6 +26,7 @@ from localizer.search.problem import (
 from localizer.search.residuals import Evaluation, evaluate, place_of, residual_sigma, secants
 from localizer.search.stray import (
     evidence_over_chance,
+    evidence_used_up,
     stray_loss,
     surprise,
     telling_columns,
@@ -210,7 +211,8 @@ def _result(
         prior_chi2=float((misfit**2).sum()),
         residual_px=residual_px,
         misfit_per_column=float(surprises.mean()),
-        evidence=evidence_over_chance(problem, here, sigma, white, noise.correlation_columns),
+        evidence=evidence_over_chance(problem, here, sigma, white, noise.correlation_columns)
+        - evidence_used_up(problem, covariance),
         error_model=noise.model,
     )
 

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from localizer.search.problem import BLOCK_RAD, Problem
+from localizer.search.problem import BLOCK_RAD, TILT_BIAS, Problem
 from localizer.search.residuals import Evaluation
 from localizer.search.stage2 import SATURATION
 
@@ -90,6 +90,19 @@ def undecided_cost(here: Evaluation, sigma: Floats, white: Floats) -> float:
     """
     cost = geman_mcclure(visible_residual(here, sigma) / sigma) * (white / sigma) ** 2
     return float(cost[_undecided(here, sigma)].sum())
+
+
+def evidence_used_up(problem: Problem, covariance: Floats) -> float:
+    """How much of the evidence went into angles that the sensors leave open, given the unknowns' ``covariance``.
+
+    A frame that may be turned as one likes fits many a skyline. What a place explains then, it has to explain beyond that (the
+    Occam factor of a Bayesian comparison). The heading that all frames share is left out: without a compass it is as open
+    everywhere.
+    """
+    prior_deg = problem.prior_sigma_deg[TILT_BIAS:]
+    fitted_deg = np.sqrt(np.diag(covariance)[TILT_BIAS:])
+    open_ = np.isfinite(prior_deg) & (prior_deg > np.degrees(CHANCE_RAD))
+    return float(np.log(np.maximum(prior_deg[open_] / fitted_deg[open_], 1.0)).sum())
 
 
 def evidence_over_chance(

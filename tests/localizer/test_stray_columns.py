@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from localizer.search.residuals import Evaluation
-from localizer.search.stray import evidence_over_chance, surprise, telling_columns, undecided_cost
+from localizer.search.stray import (
+    evidence_over_chance,
+    evidence_used_up,
+    surprise,
+    telling_columns,
+    undecided_cost,
+)
 
 SIGMA_RAD = 1e-3
 
@@ -119,3 +125,15 @@ def test_a_place_gains_nothing_by_leaving_columns_undecided(above):
     whole = undecided_cost(seen, sigma, sigma)
     assert 0.25 < whole / 2000 < 0.5, "half the square of what fits better, of noise of unit size"
     assert free < 0.001 * whole, "the DEM's error is one column's worth, however many share it"
+
+
+def used_up(*, azimuth_bias_deg: float = 1.0, tilt_bias_deg: float = 0.05, frame_deg: float = 0.1) -> float:
+    """With four frames, every angle found to 0.05 deg."""
+    prior_deg = np.array([np.inf, np.inf, np.inf, azimuth_bias_deg, tilt_bias_deg, *[frame_deg] * 12])
+    return evidence_used_up(SimpleNamespace(prior_sigma_deg=prior_deg), 0.05**2 * np.eye(len(prior_deg)))  # type: ignore[arg-type]
+
+
+def test_angles_that_sensors_give_use_up_no_evidence_and_open_ones_do():
+    assert used_up() == used_up(azimuth_bias_deg=180.0) == 0.0
+    assert used_up(frame_deg=180.0) == pytest.approx(12.0 * np.log(180.0 / 0.05))
+    assert used_up(tilt_bias_deg=180.0) == pytest.approx(np.log(180.0 / 0.05))
