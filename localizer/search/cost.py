@@ -1,11 +1,14 @@
 """What a place costs: the columns along the horizon and the priors, as the error model weighs them."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
-from localizer.search.error_model import Columns, ErrorModel, log_scale
+from localizer.search.error_model import Columns, ErrorModel, log_scale, whitened_cost
 from localizer.search.problem import ALTITUDE, EAST, NORTH, Problem
 from localizer.search.residuals import LATERAL_SHARE, Evaluation
+from localizer.search.stray import telling_columns, visible_columns, visible_residual, weights
 
 Floats = NDArray[np.float64]
 
@@ -32,6 +35,23 @@ def columns_along(
         prior=rows.T @ rows + 1e-12 * np.eye(problem.size),
         pull=rows.T @ misfit,
     )
+
+
+def undecided_cost(problem: Problem, x: Floats, here: Evaluation, model: ErrorModel, sigma: Floats) -> float:
+    """What the columns cost that show terrain without telling which.
+
+    They do not move a fit. But were they free, the likeliest place would be the one that leaves most of them undecided.
+    """
+    telling, visible = telling_columns(here, sigma), visible_columns(here, sigma)
+    if np.array_equal(telling, visible):
+        return 0.0
+    seen = replace(here, residual=visible_residual(here, sigma))
+    normalised = seen.residual / sigma
+    with_them, without = (
+        whitened_cost(columns_along(problem, x, seen, model, weights(counted, normalised)), model)
+        for counted in (visible, telling)
+    )
+    return with_them - without
 
 
 def expected_scale(problem: Problem, x: Floats, here: Evaluation, model: ErrorModel) -> float:

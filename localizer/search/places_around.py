@@ -5,13 +5,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from localizer.search.cost import columns_along, expected_scale, prior_cost
+from localizer.search.cost import columns_along, expected_scale, prior_cost, undecided_cost
 from localizer.search.error_model import normal_equations
 from localizer.search.noise import Noise
 from localizer.search.problem import ALTITUDE, EAST, NORTH, Problem
 from localizer.search.refine import Refined
 from localizer.search.residuals import Evaluation, evaluate, ground_at, place_of, residual_sigma
-from localizer.search.stray import stray_loss, telling_columns, undecided_cost, weights
+from localizer.search.stray import stray_loss, telling_columns, weights
 
 Floats = NDArray[np.float64]
 
@@ -71,7 +71,7 @@ def places_around(
 
 def _fitted_there(problem: Problem, x: Floats, here: Evaluation, noise: Noise) -> tuple[float, Floats]:
     """Cost, and the parameters with all but the place itself fitted in one step."""
-    sigma, white = residual_sigma(problem, here, noise.spread_m), residual_sigma(problem, here, 0.0)
+    sigma = residual_sigma(problem, here, noise.spread_m)
     normalised, telling = here.residual / sigma, telling_columns(here, sigma)
     columns = columns_along(problem, x, here, noise.model, weights(telling, normalised))
     normal = normal_equations(columns, noise.model)
@@ -80,7 +80,7 @@ def _fitted_there(problem: Problem, x: Floats, here: Evaluation, noise: Noise) -
         normal.cost
         + prior_cost(problem, x, here, noise.model)
         - 0.5 * float(normal.slope[ALTITUDE:] @ step)
-        + undecided_cost(here, sigma, white)
+        + undecided_cost(problem, x, here, noise.model, sigma)
         + stray_loss(problem, here, sigma)
         + expected_scale(problem, x, here, noise.model)
     )

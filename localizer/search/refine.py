@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from localizer.search.cost import columns_along, expected_scale, prior_cost, prior_misfits
+from localizer.search.cost import columns_along, expected_scale, prior_cost, prior_misfits, undecided_cost
 from localizer.search.error_model import ErrorModel, Normal, likely_models, normal_equations, whitened_cost
 from localizer.search.noise import Noise, estimated_noise, possible_models
 from localizer.search.problem import (
@@ -30,7 +30,6 @@ from localizer.search.stray import (
     stray_loss,
     surprise,
     telling_columns,
-    undecided_cost,
     weights,
 )
 
@@ -165,7 +164,7 @@ def _result(
     frame: Floats,
     largest_dem_error_m: float | None,
 ) -> Refined:
-    sigma, white = residual_sigma(problem, here, noise.spread_m), residual_sigma(problem, here, 0.0)
+    sigma = residual_sigma(problem, here, noise.spread_m)
     normalised, telling = here.residual / sigma, telling_columns(here, sigma)
     columns = columns_along(problem, x, here, noise.model, weights(telling, normalised))
     if largest_dem_error_m is None:
@@ -179,7 +178,7 @@ def _result(
     fit_cost = (
         whitened_cost(columns, noise.model)
         + prior_cost(problem, x, here, noise.model)
-        + undecided_cost(here, sigma, white)
+        + undecided_cost(problem, x, here, noise.model, sigma)
         + stray_loss(problem, here, sigma)
         + expected_scale(problem, x, here, noise.model)
     )
@@ -211,7 +210,9 @@ def _result(
         prior_chi2=float((misfit**2).sum()),
         residual_px=residual_px,
         misfit_per_column=float(surprises.mean()),
-        evidence=evidence_over_chance(problem, here, sigma, white, noise.correlation_columns)
+        evidence=evidence_over_chance(
+            problem, here, sigma, residual_sigma(problem, here, 0.0), noise.correlation_columns
+        )
         - evidence_used_up(problem, covariance),
         error_model=noise.model,
     )

@@ -82,16 +82,6 @@ def stray_loss(problem: Problem, here: Evaluation, sigma: Floats) -> float:
     return float(lost.sum() / (problem.block_columns * STRAY_RAD / BLOCK_RAD))
 
 
-def undecided_cost(here: Evaluation, sigma: Floats, white: Floats) -> float:
-    """What columns cost that show terrain without telling which, as far as their noise is their own: ``white`` of ``sigma``.
-
-    They do not move a fit. But were they free, the likeliest place would be the one that leaves most of them undecided. What
-    the DEM's error makes of them, neighbours share: that says as little of the place as a single column.
-    """
-    cost = geman_mcclure(visible_residual(here, sigma) / sigma) * (white / sigma) ** 2
-    return float(cost[_undecided(here, sigma)].sum())
-
-
 def evidence_used_up(problem: Problem, covariance: Floats) -> float:
     """How much of the evidence went into angles that the sensors leave open, given the unknowns' ``covariance``.
 

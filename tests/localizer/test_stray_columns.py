@@ -5,14 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from localizer.search.cost import columns_along, undecided_cost
+from localizer.search.error_model import ErrorModel, whitened_cost
 from localizer.search.residuals import Evaluation
-from localizer.search.stray import (
-    evidence_over_chance,
-    evidence_used_up,
-    surprise,
-    telling_columns,
-    undecided_cost,
-)
+from localizer.search.stray import evidence_over_chance, evidence_used_up, surprise, telling_columns, weights
 
 SIGMA_RAD = 1e-3
 
@@ -115,16 +111,31 @@ def test_stretches_that_are_off_together_by_one_columns_noise_speak_for_no_place
     assert evidence(apart + noise((BLOCKS, IN_EACH)), NOISE_RAD, 1.0) < 0.0
 
 
-@pytest.mark.parametrize("above", [1.0, 2.5])
-def test_a_place_gains_nothing_by_leaving_columns_undecided(above):
-    shown = noise((2000,), SIGMA_RAD)
-    seen = columns(np.maximum(shown, -2.9 * SIGMA_RAD), near=True, above_rad=above * SIGMA_RAD)
-    sigma = np.full(2000, SIGMA_RAD)
-    assert not telling_columns(seen, sigma)[shown < 2.0 * SIGMA_RAD].any()
-    free = undecided_cost(seen, sigma, 0.01 * sigma)
-    whole = undecided_cost(seen, sigma, sigma)
-    assert 0.25 < whole / 2000 < 0.5, "half the square of what fits better, of noise of unit size"
-    assert free < 0.001 * whole, "the DEM's error is one column's worth, however many share it"
+def test_a_place_gains_nothing_by_leaving_columns_undecided():
+    low = -np.abs(noise((400,), SIGMA_RAD))  # so none shows what stands near
+    seen = np.maximum(low, -2.5 * SIGMA_RAD)
+    n, model = len(seen), ErrorModel(0.1, 0.05, 240.0)
+    problem = SimpleNamespace(
+        order=np.arange(n),
+        step_rad=np.full(n, 1e-3),
+        sigma_rad=np.full(n, SIGMA_RAD),
+        terrain=SimpleNamespace(cell_m=30.0),
+        prior_sigma_deg=np.full(8, np.inf),
+        observation=SimpleNamespace(altitude_m=None, mast_height_m=2.0),
+        size=8,
+    )
+
+    def cost_of(here: Evaluation) -> float:
+        sigma, x = problem.sigma_rad, np.zeros(8)
+        telling = weights(telling_columns(here, sigma), here.residual / sigma)
+        told = whitened_cost(columns_along(problem, x, here, model, telling), model)  # type: ignore[arg-type]
+        return told + undecided_cost(problem, x, here, model, sigma)  # type: ignore[arg-type]
+
+    far, undecided = (columns(seen, near, above_rad=SIGMA_RAD) for near in (False, True))
+    far.ground_m = undecided.ground_m = np.nan
+    assert not telling_columns(undecided, problem.sigma_rad).any()
+    assert cost_of(undecided) == pytest.approx(cost_of(far), rel=0.02)
+    assert cost_of(far) > 0.2 * n
 
 
 def used_up(*, azimuth_bias_deg: float = 1.0, tilt_bias_deg: float = 0.05, frame_deg: float = 0.1) -> float:
