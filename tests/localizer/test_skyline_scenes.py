@@ -298,9 +298,11 @@ def test_rendered_frames(skyfix_data: Path) -> None:
     for measured in (*each, whole):
         print(measured)
         assert measured.percentile(50) < 0.3
-        assert measured.share_confident > 0.6
-    assert whole.share_confident > 0.8
-    assert whole.percentile(95) < 2
+        assert (
+            measured.share_confident > 0.45
+        )  # bt_ridge has a far ridge as pale as its clouds: much is doubted
+    assert whole.share_confident > 0.7
+    assert whole.percentile(95) < 1
     inliers = whole.normalised[np.abs(whole.error_px) < 1]
     assert 0.7 < inliers.std() < 1.3
 
