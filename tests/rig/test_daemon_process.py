@@ -84,6 +84,7 @@ def test_bad_configurations_are_refused_a_trigger_is_answered_and_a_stop_in_the_
         ask(daemon.control, "status")
 
 
+@pytest.mark.long
 def test_legs_that_were_heard_before_the_power_failed_count_after_it(quick: Quick, tmp_path: Path) -> None:
     config = quick.rig.config_path
     run = load_config(config).run
