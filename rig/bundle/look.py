@@ -128,7 +128,7 @@ def _shown(found: dict[str, Any]) -> str:
         )
     lines.append(
         f"  common to all frames: azimuth +- {known['azimuth_bias_sigma_deg']:.2f}, "
-        f"tilt +- {known['tilt_bias_sigma_deg']:z.3f} deg"
+        f"tilt +- {known['tilt_bias_sigma_deg']:.3f} deg"
     )
     for frame in found["frames"]:
         share = frame["skyline_share"]

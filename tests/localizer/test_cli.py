@@ -334,13 +334,13 @@ def test_a_picture_that_the_disk_refuses_is_told_in_one_line_after_the_answer(
     assert err == f"localizer: --plot: {plot}: cannot be written: No space left on device\n"
 
 
-def test_a_path_that_may_not_even_be_looked_at_is_told_in_one_line(refused, monkeypatch, dem_file):
+def test_a_path_that_may_not_even_be_looked_at_is_told_in_one_line(refused, monkeypatch, dem_file, tmp_path):
     def forbidden(path):
         raise PermissionError(errno.EACCES, "Permission denied", str(path))
 
     monkeypatch.setattr("localizer.cli.load_bundle", forbidden)
-    said = refused("locate", "/root/bundles/b", "--dem", dem_file)
-    assert said == "localizer: /root/bundles/b: permission denied; check who may read and write there\n"
+    said = refused("locate", tmp_path, "--dem", dem_file)
+    assert said == f"localizer: {tmp_path}: permission denied; check who may read and write there\n"
 
 
 def test_an_answer_that_finds_the_disk_full_is_told_in_one_line(santa_cruz_file):
