@@ -13,7 +13,7 @@ from localizer.command_line import OutputFolder, check_picture_path, writing
 from localizer.completion import completion_command, folders
 from localizer.dem import load_dem
 from localizer.dem_info import dem_info, info_fields, info_text, suspect_zeros, zeros_note
-from localizer.dem_options import dem_options
+from localizer.dem_options import dem_error_option, dem_options
 from localizer.predict.command import predict
 from localizer.report import frame_notes, load_truth, report
 
@@ -66,6 +66,7 @@ def localizer() -> None:
     help="JSON file with the true place, to compare with; the search does not see it.",
 )
 @dem_options
+@dem_error_option
 def locate(
     bundle_path: Path,
     dem_paths: tuple[Path, ...],
@@ -76,6 +77,7 @@ def locate(
     vertical_unit: str | None,
     crs: str | None,
     nodata: float | None,
+    dem_error_m: float | None,
 ) -> int:
     """Find the place in the DEM from which the frames of BUNDLE were taken.
 
@@ -88,7 +90,7 @@ def locate(
         check_picture_path("--plot", plot_path)
     truth = load_truth(truth_path) if truth_path is not None else None
     bundle = load_bundle(bundle_path)
-    dem = load_dem(dem_paths, vertical_unit=vertical_unit, crs=crs, nodata=nodata)
+    dem = load_dem(dem_paths, vertical_unit=vertical_unit, crs=crs, nodata=nodata, error_m=dem_error_m)
     zeros = suspect_zeros(dem.z_m)
     if zeros:
         click.echo(f"localizer: {zeros_note(zeros)}", err=True)
@@ -160,6 +162,7 @@ def locate(
     help="JSON file with a true place, once for each bundle, to compare with; the search does not see it.",
 )
 @dem_options
+@dem_error_option
 def track(
     bundle_paths: tuple[Path, ...],
     dem_paths: tuple[Path, ...],
@@ -170,6 +173,7 @@ def track(
     vertical_unit: str | None,
     crs: str | None,
     nodata: float | None,
+    dem_error_m: float | None,
 ) -> int:
     """Follow a vehicle through bundles in the order given, and keep every place that is possible until one remains.
 
@@ -194,7 +198,7 @@ def track(
 
     from localizer.track.command import run_track
 
-    dem = load_dem(dem_paths, vertical_unit=vertical_unit, crs=crs, nodata=nodata)
+    dem = load_dem(dem_paths, vertical_unit=vertical_unit, crs=crs, nodata=nodata, error_m=dem_error_m)
     zeros = suspect_zeros(dem.z_m)
     if zeros:
         click.echo(f"localizer: {zeros_note(zeros)}", err=True)

@@ -18,7 +18,6 @@ from localizer.observation import FrameObservation, Observation
 from localizer.search.contours import frame_contour
 from localizer.search.decide import CERTAIN_EVIDENCE
 from localizer.search.refine import Refined
-from localizer.search.residuals import NEAR_CELLS
 
 LEAST_INLIERS = 0.75
 """The others must fit better than is asked of a whole bundle: one of several was picked for them to do so."""
@@ -119,9 +118,7 @@ def frame_agreement(terrain: Terrain, frame: FrameObservation, place: Refined) -
         horizon(terrain, place.row, place.col, place.altitude_m, azimuth_deg + side)[0][0]
         for side in (-aside, aside)
     ]
-    far = ~(
-        distance_m[0] < NEAR_CELLS * terrain.cell_m
-    )  # a ray that meets nothing counts: as a contradiction
+    far = ~(distance_m[0] < terrain.near_m)  # a ray that meets nothing counts: as a contradiction
     if np.count_nonzero(far) < FAR_COLUMNS:
         return None
     by_azimuth = np.radians(np.maximum(abs(beside[0] - seen[0]), abs(beside[1] - seen[0])))

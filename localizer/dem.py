@@ -52,6 +52,8 @@ class Dem:
     """Metres from column to column, at the centre."""
     files: tuple[DemFile, ...] = ()
     """Empty if the DEM does not come from files."""
+    error_m: float | None = None
+    """One standard deviation of the elevations, where somebody says it. 0: it is the terrain itself, as in a simulation."""
 
     @property
     def rows(self) -> int:
@@ -95,11 +97,12 @@ def load_dem(
     vertical_unit: str | None = None,
     crs: str | None = None,
     nodata: float | None = None,
+    error_m: float | None = None,
 ) -> Dem:
     """Read one file, or several that adjoin or overlap on one lattice (where they overlap, the first counts).
 
     ``vertical_unit`` ("m", "ft", "us-ft"), ``crs`` (whatever pyproj understands) and ``nodata`` (a further
-    value that means void, in the file's own unit) take precedence over what the files say.
+    value that means void, in the file's own unit) take precedence over what the files say. ``error_m``: see ``Dem``.
 
     Raises ``DemError``.
     """
@@ -107,11 +110,15 @@ def load_dem(
         raise DemError("no elevation file was named")
     tiles = [read_tile(path, vertical_unit, crs, nodata) for path in paths]
     z_m, transform = _joined(tiles) if len(tiles) > 1 else (tiles[0].z_m, tiles[0].transform)
-    return dem_from_array(z_m, transform, tiles[0].crs, tuple(tile.file for tile in tiles))
+    return dem_from_array(z_m, transform, tiles[0].crs, tuple(tile.file for tile in tiles), error_m)
 
 
 def dem_from_array(
-    z_m: NDArray[np.floating], transform: Affine, crs: CRS, files: tuple[DemFile, ...] = ()
+    z_m: NDArray[np.floating],
+    transform: Affine,
+    crs: CRS,
+    files: tuple[DemFile, ...] = (),
+    error_m: float | None = None,
 ) -> Dem:
     """A DEM of elevations in metres, (rows, cols), row 0 northernmost, voids NaN, on a north-up lattice.
 
@@ -151,6 +158,7 @@ def dem_from_array(
         spacing_ns_m=spacing_ns_m,
         spacing_ew_m=spacing_ew_m,
         files=files,
+        error_m=error_m,
     )
 
 

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from localizer.geodesy import lonlat_to_rowcol
 from localizer.horizon.from_image import CONFIDENT, ColumnState, Skyline, find_skyline
 from localizer.horizon.from_terrain import Terrain, horizon, horizon_around, prepare_terrain
 from localizer.observation import FrameObservation, Observation, PriorCircle
-from localizer.search.contest import contest, starts
+from localizer.search.contest import contest, sharpened, starts
 from localizer.search.contours import BINS, FrameContour, MeasuredSkyline, frame_contour, measured_skyline
 from localizer.search.decide import Decision
 from localizer.search.refine import Refined
@@ -126,10 +126,15 @@ def observe(bundle: Bundle, skylines: list[Skyline]) -> Observation:
 def locate(terrain: Terrain, observation: Observation, *, everywhere: bool = True) -> Located:
     """Search the whole DEM for the place from which the terrain has the observed skyline.
 
-    Not ``everywhere``: only the cells that stage 1 leaves, which is quick.
+    Not ``everywhere``: only the cells that stage 1 leaves, which is quick. In a DEM that is said to be the terrain itself the
+    place is first looked for as in any other.
     """
+    if terrain.exact:
+        return _with_its_word(
+            terrain, observation, locate(terrain.doubted(), observation, everywhere=everywhere)
+        )
     watch = _Watch()
-    seen = tuple(frame_contour(frame) for frame in observation.frames if len(frame.u_px) > 1)
+    seen = _contours(observation)
     if not seen:
         nothing = Stage1(int(np.isfinite(terrain.dem.z_m).sum()), {"altitude": np.zeros((0, 2), np.int64)}, 0)
         return Located(Decision("none", [], np.zeros(0)), None, nothing, watch.seconds)
@@ -156,6 +161,21 @@ def locate(terrain: Terrain, observation: Observation, *, everywhere: bool = Tru
         if not np.array_equal(anew, scored.cells[starts(scored)]):
             decision, best = _decided(terrain, observation, seen, everywhere_scored, watch)
     return Located(decision, best, stage1, watch.seconds)
+
+
+def _with_its_word(terrain: Terrain, observation: Observation, found: Located) -> Located:
+    """What was found with doubts about the DEM, with the DEM taken at its word."""
+    if found.best is None:
+        return found
+    watch = _Watch(found.timing_s)
+    with watch.part("refine"):
+        best = sharpened(terrain, observation, _contours(observation), found.best)
+    return replace(found, best=best, timing_s=watch.seconds)
+
+
+def _contours(observation: Observation) -> tuple[FrameContour, ...]:
+    """Of the frames that have any."""
+    return tuple(frame_contour(frame) for frame in observation.frames if len(frame.u_px) > 1)
 
 
 def _scored(

@@ -8,7 +8,7 @@ Rays are geodesics. How one runs through the lattice of the DEM is known to seco
 (``geodesy.LatticeFrames``), which covers meridian convergence, map scale and geographic grids alike.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numba
@@ -28,6 +28,10 @@ BLOCKS = (4, 16, 64, 256)
 """Cells a side of the blocks whose maxima tell a ray that it can leap over them."""
 
 LARGEST_ROUGHNESS = 5.0
+NEAR_CELLS = 2.0
+"""What rises above all else nearer than this no DEM can tell. It can only hide what is farther, never lower it."""
+SMALLEST_ERROR_M = 0.02
+"""Of a DEM; what is meant to be without any has that of numbers and interpolation."""
 
 Floats = NDArray[np.float64]
 Heights = NDArray[np.float32]
@@ -61,8 +65,27 @@ class Terrain:
 
     @property
     def usual_error_m(self) -> float:
-        """One standard deviation of the elevations of such a DEM, until the residuals tell: more in wide and in rough cells."""
+        """One standard deviation of the elevations of such a DEM, until the residuals tell.
+
+        What is said of it, else more in wide and in rough cells.
+        """
+        if self.dem.error_m is not None:
+            return max(self.dem.error_m, SMALLEST_ERROR_M)
         return max(3.0, 0.05 * self.cell_m, 0.5 * self.mean_bend_m)
+
+    @property
+    def exact(self) -> bool:
+        """Whether the surface is the terrain itself, between the cells and close by, too."""
+        return self.dem.error_m == 0.0
+
+    def doubted(self) -> "Terrain":
+        """The same as it is without anybody's word for its error."""
+        return replace(self, dem=replace(self.dem, error_m=None))
+
+    @property
+    def near_m(self) -> float:
+        """Nearer than this, what rises above all else can only hide the horizon."""
+        return 0.0 if self.exact else NEAR_CELLS * self.cell_m
 
     def roughness_at(self, row: Floats, col: Floats) -> Floats:
         """Roughness (n,) of the cells nearest to lattice positions (n,), of those on the rim for what lies beyond it."""

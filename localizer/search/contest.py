@@ -13,14 +13,13 @@ from localizer.search.contours import FrameContour
 from localizer.search.decide import Decision, decide, explains
 from localizer.search.nearby import (
     HOPELESS_EVIDENCE,
-    Problems,
     again,
     best_nearby,
     distinct,
     likeliest_nearby,
+    problems_of,
 )
 from localizer.search.noise import Noise, usual_noise
-from localizer.search.problem import Problem
 from localizer.search.refine import Refined, refine
 from localizer.search.stage2 import Scored, apart
 
@@ -28,12 +27,6 @@ LARGEST_DEM_ERROR = 4.0
 """A DEM's error is at most so many times what is usual for one of its kind."""
 STARTS = 12
 START_RADIUS_CELLS = 1.5
-COARSE_COLUMNS = 120
-"""Columns of all frames together in the first refinement of each start, and ..."""
-CONTEST_COLUMNS = 480
-"""... in the comparison of the contenders, and ..."""
-FINE_COLUMNS = 1000
-"""... where the peaks around the best of them are told apart."""
 CONTENDERS = 5
 CONTEST_MARGIN = 0.5
 """A start whose columns are less likely than the best one's by this much each (in logarithms) is no contender."""
@@ -45,14 +38,13 @@ def contest(
 ) -> tuple[Decision, Refined | None]:
     """Refine the best cells, coarsely all, then the contenders under one error model, then the winner with all columns."""
     largest = LARGEST_DEM_ERROR * terrain.usual_error_m
-    columns = sum(len(c.rays) for c in contours)
-    coarse = Problem(terrain, observation, contours, stride=max(1, columns // COARSE_COLUMNS))
+    problems = problems_of(terrain, observation, contours)
     refined = []
     for i in starts(scored):
         row, col = scored.cells[i].astype(float)
         refined.append(
             refine(
-                coarse,
+                problems.coarse,
                 row,
                 col,
                 _first_altitude(terrain, observation, row, col),
@@ -65,34 +57,45 @@ def contest(
         )
     refined.sort(key=lambda r: r.misfit_per_column)
     promising = distinct(refined, SAME_PLACE_CELLS)[:CONTENDERS]
-    refined = [again(coarse, start, largest, settle=True, iterations=8) for start in promising]
+    refined = [again(problems.coarse, start, largest, settle=True, iterations=8) for start in promising]
     refined.sort(key=lambda r: r.misfit_per_column)
     contenders = [
         c
         for c in distinct(refined, SAME_PLACE_CELLS)
         if c.misfit_per_column < refined[0].misfit_per_column + CONTEST_MARGIN
     ]
-    stride = max(1, columns // CONTEST_COLUMNS)
-    problems = Problems(
-        coarse=coarse,
-        middle=Problem(terrain, observation, contours, stride),
-        fine=Problem(terrain, observation, contours, max(1, columns // FINE_COLUMNS)),
-        full=Problem(terrain, observation, contours),
-    )
     best = best_nearby(problems, contenders[0], largest)
-    held = Noise(best.dem_error_m, max(1.0, best.correlation_columns / stride), best.error_model)
+    held = Noise(
+        best.dem_error_m, max(1.0, best.correlation_columns / problems.middle.stride), best.error_model
+    )
     compared = [again(problems.middle, c, largest, noise=held) for c in [best, *contenders[1:]]]
     if best.evidence >= HOPELESS_EVIDENCE:
         compared[1:] = [likeliest_nearby(problems, c, held, largest) for c in compared[1:]]
     compared = distinct(sorted(compared, key=lambda r: r.cost), SAME_PLACE_CELLS)
-    priors = 2 + 2 + 3 * len(contours)
     decision = decide(compared, best.evidence, terrain.cell_m)
     winner = decision.candidates[0]
     if np.hypot(winner.row - best.row, winner.col - best.col) > SAME_PLACE_CELLS:
         best = best_nearby(problems, winner, largest)
-    if not explains(best, largest, priors):
+    if not explains(best, largest, _priors(contours)):
         return Decision("none", [], np.zeros(0)), None
     return decision, best
+
+
+def sharpened(
+    terrain: Terrain, observation: Observation, contours: tuple[FrameContour, ...], best: Refined
+) -> Refined:
+    """The best place around one that was found with doubts about the DEM, by its word alone; the old one where that fits badly.
+
+    What is close by shows the last metres of the way, and misleads whoever is farther off.
+    """
+    largest = LARGEST_DEM_ERROR * terrain.usual_error_m
+    there = best_nearby(problems_of(terrain, observation, contours), best, largest)
+    return there if explains(there, largest, _priors(contours)) else best
+
+
+def _priors(contours: tuple[FrameContour, ...]) -> int:
+    """How many readings there are: altitude, the ground's, both biases, and three for each frame."""
+    return 2 + 2 + 3 * len(contours)
 
 
 def starts(scored: Scored) -> NDArray[np.int64]:

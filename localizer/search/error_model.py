@@ -21,7 +21,6 @@ Floats = NDArray[np.float64]
 
 SIZE_STEP, LENGTH_STEP = 1.6, 2.0
 """Neighbouring models differ by these factors."""
-SMALLEST_SMOOTH_M = 0.05
 LENGTHS_CELLS = (2.0, 64.0)
 MOST_MODELS = 60
 ASTRAY = 6.0
@@ -60,6 +59,7 @@ class Range:
 
     cell_m: float
     least_rough_m: float
+    least_smooth_m: float
     largest_m: float
 
     def admits(self, model: ErrorModel) -> bool:
@@ -67,7 +67,7 @@ class Range:
         shortest, longest = LENGTHS_CELLS
         return (
             self.least_rough_m <= model.rough_m <= self.largest_m
-            and SMALLEST_SMOOTH_M <= model.smooth_m <= self.largest_m
+            and self.least_smooth_m <= model.smooth_m <= self.largest_m
             and shortest <= model.length_m / self.cell_m <= longest
         )
 

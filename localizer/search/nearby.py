@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from localizer.horizon.from_terrain import Terrain
+from localizer.observation import Observation
+from localizer.search.contours import FrameContour
 from localizer.search.error_model import ErrorModel
 from localizer.search.noise import FIRST_LENGTH_CELLS, Noise
 from localizer.search.places_around import places_around
@@ -19,6 +21,12 @@ from localizer.search.refine import LIKELY_FROM, Refined, refine
 
 Floats = NDArray[np.float64]
 
+COARSE_COLUMNS = 120
+"""Columns of all frames together in the first refinement of each start, and ..."""
+CONTEST_COLUMNS = 480
+"""... in the comparison of the contenders, and ..."""
+FINE_COLUMNS = 1000
+"""... where the peaks around the best of them are told apart."""
 LOOK_ABOUT_CELLS = (2.4, 0.4)
 """How far around a fit other places are tried for a better one, and how far apart these are."""
 LOOK_ABOUT_STARTS = 3
@@ -46,6 +54,17 @@ class Problems:
     middle: Problem
     fine: Problem
     full: Problem
+
+
+def problems_of(terrain: Terrain, observation: Observation, contours: tuple[FrameContour, ...]) -> Problems:
+    """The observations and priors of one standpoint."""
+    columns = sum(len(c.rays) for c in contours)
+    return Problems(
+        coarse=Problem(terrain, observation, contours, max(1, columns // COARSE_COLUMNS)),
+        middle=Problem(terrain, observation, contours, max(1, columns // CONTEST_COLUMNS)),
+        fine=Problem(terrain, observation, contours, max(1, columns // FINE_COLUMNS)),
+        full=Problem(terrain, observation, contours),
+    )
 
 
 def best_nearby(problems: Problems, start: Refined, largest: float) -> Refined:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from localizer.horizon.from_terrain import Terrain
 from localizer.search.cost import columns_along
-from localizer.search.error_model import SMALLEST_SMOOTH_M, ErrorModel, Range, likely_models
+from localizer.search.error_model import ErrorModel, Range, likely_models
 from localizer.search.problem import Problem
 from localizer.search.residuals import BETWEEN_CELLS, Evaluation, residual_sigma
 from localizer.search.stray import telling_columns, weights
@@ -20,6 +20,7 @@ from localizer.search.stray import telling_columns, weights
 Floats = NDArray[np.float64]
 
 SMALLEST_DEM_ERROR_M = 0.1
+SMALLEST_SMOOTH_M = 0.05
 LEAST_ROUGH_SHARE = 0.15
 """No DEM is better than this, in terms of what the ground does between its cells."""
 FIRST_LENGTH_CELLS = 8.0
@@ -43,9 +44,8 @@ class Noise:
 
 def usual_noise(terrain: Terrain, dem_error_m: float) -> Noise:
     """What the residuals are taken for before there are any."""
-    return Noise(
-        dem_error_m, 1.0, ErrorModel(dem_error_m, SMALLEST_SMOOTH_M, FIRST_LENGTH_CELLS * terrain.cell_m)
-    )
+    smooth_m = min(SMALLEST_SMOOTH_M, terrain.usual_error_m)
+    return Noise(dem_error_m, 1.0, ErrorModel(dem_error_m, smooth_m, FIRST_LENGTH_CELLS * terrain.cell_m))
 
 
 def estimated_noise(
@@ -64,12 +64,12 @@ def estimated_noise(
     if not by_likelihood:
         # All of it taken for rough, so that no stretch of the horizon is explained away.
         length_m = FIRST_LENGTH_CELLS * problem.terrain.cell_m
-        model = ErrorModel(max(spread_m, within.least_rough_m), SMALLEST_SMOOTH_M, length_m)
+        model = ErrorModel(max(spread_m, within.least_rough_m), within.least_smooth_m, length_m)
     else:
         columns = columns_along(problem, x, here, before.model, weights(telling, normalised))
         start = ErrorModel(
             max(0.5 * before.model.rough_m, within.least_rough_m),
-            max(before.model.smooth_m, 0.5 * spread_m, SMALLEST_SMOOTH_M),
+            max(before.model.smooth_m, 0.5 * spread_m, within.least_smooth_m),
             before.model.length_m,
         )
         model = likely_models(columns, start, within)[0][0]
@@ -79,8 +79,12 @@ def estimated_noise(
 def possible_models(problem: Problem, largest_dem_error_m: float) -> Range:
     """The error models among which the residuals decide."""
     terrain = problem.terrain
+    usual_m = terrain.usual_error_m
     return Range(
-        terrain.cell_m, LEAST_ROUGH_SHARE * BETWEEN_CELLS * terrain.mean_bend_m + 0.01, largest_dem_error_m
+        cell_m=terrain.cell_m,
+        least_rough_m=min(LEAST_ROUGH_SHARE * BETWEEN_CELLS * terrain.mean_bend_m + 0.01, usual_m),
+        least_smooth_m=min(SMALLEST_SMOOTH_M, usual_m),
+        largest_m=largest_dem_error_m,
     )
 
 
@@ -89,7 +93,7 @@ def _dem_error(problem: Problem, here: Evaluation, telling: NDArray[np.bool_], l
     if not telling.any():
         return largest
     size = np.abs(here.residual[telling])
-    low, high = SMALLEST_DEM_ERROR_M, largest
+    low, high = min(SMALLEST_DEM_ERROR_M, problem.terrain.usual_error_m), largest
     if np.median(size / residual_sigma(problem, here, low)[telling]) <= 0.6745:
         return low
     for _ in range(30):

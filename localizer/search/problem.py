@@ -26,6 +26,7 @@ class Problem:
         self, terrain: Terrain, observation: Observation, contours: tuple[FrameContour, ...], stride: int = 1
     ) -> None:
         self.terrain = terrain
+        self.stride = stride
         self.observation = observation
         self.contours = [
             FrameContour(c.frame, np.ascontiguousarray(c.rays[::stride]), c.sigma_rad[::stride])

@@ -223,7 +223,8 @@ def _shift_sigma_m(problem: Problem, model: ErrorModel) -> float:
 
     A smooth error tilts all that is near, the ground under the camera too.
     """
-    return float(np.hypot(LATTICE_SHARE * problem.terrain.cell_m, SHIFT_PER_M * model.smooth_m))
+    lattice_m = 0.0 if problem.terrain.exact else LATTICE_SHARE * problem.terrain.cell_m
+    return float(np.hypot(lattice_m, SHIFT_PER_M * model.smooth_m))
 
 
 def _averaged_covariance(models: list[tuple[ErrorModel, Normal]]) -> Floats:

@@ -25,8 +25,6 @@ Floats = NDArray[np.float64]
 
 SLOPE_STEP_RAD = np.radians(0.06)
 SECANT_STEP_M = 0.5
-NEAR_CELLS = 2.0
-"""What rises above all else nearer than this no DEM can tell. It can only hide what is farther, never lower it."""
 BETWEEN_CELLS = 0.1
 """How far the ground between a DEM's cells lies from its surface, as a share of what that bends from cell to cell."""
 LATERAL_SHARE = 0.5
@@ -40,7 +38,7 @@ class Evaluation:
     residual: Floats
     jacobian: Floats
     distance: Floats
-    """Of the horizon beyond NEAR_CELLS, which is what the residual is of."""
+    """Of the horizon beyond ``Terrain.near_m``, which is what the residual is of."""
     near: NDArray[np.bool_]
     """Whether the DEM has something nearer that is higher, ..."""
     above: Floats
@@ -70,7 +68,7 @@ def evaluate(
     azimuth, elevation, attitude = problem.directions(x)
     frame_of = problem.frame_of
     n = len(azimuth)
-    beyond_m = NEAR_CELLS * terrain.cell_m
+    beyond_m = terrain.near_m
     tangent, distance = horizon_around(terrain, row, col, eye, azimuth, guess_m)
     guess_m = distance.copy()
     near = distance < beyond_m
@@ -101,8 +99,10 @@ def evaluate(
     jacobian[index, FIRST_FRAME + PER_FRAME * frame_of + 2] = by_roll
     row_h, col_h = _lattice(d * np.sin(azimuth), d * np.cos(azimuth), (row, col), frame)
     share = np.sqrt(1.0 + terrain.roughness_at(row_h, col_h) ** 2)
-    bend_m = terrain.mean_bend_m * float(terrain.roughness_at(np.array([row]), np.array([col]))[0])
-    own = float(np.hypot(BETWEEN_CELLS * bend_m, 0.1))
+    own = 0.0
+    if not terrain.exact:
+        bend_m = terrain.mean_bend_m * float(terrain.roughness_at(np.array([row]), np.array([col]))[0])
+        own = float(np.hypot(BETWEEN_CELLS * bend_m, 0.1))
     return Evaluation(residual, jacobian, d, near, above, guess_m, slope, share, ground, gradient, own)
 
 

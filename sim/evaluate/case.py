@@ -68,7 +68,7 @@ def run_case(experiment: Experiment, case: int) -> CaseRow:
         side = HALVES[int(rng("half").integers(len(HALVES)))]
         allowed = beyond(known, side, scenario.outside_margin_m)
     truth = draw_truth(known, scenario, rng, allowed)
-    terrain = searched_terrain(dem, side)
+    terrain = searched_terrain(dem, side, 0.0 if experiment.estimator_only else None)
     if experiment.estimator_only:
         truth = _on_searched_ground(truth, terrain, scenario)
     columns = np.arange(scenario.camera.width_px, dtype=float)

@@ -18,13 +18,13 @@ HALVES: tuple[Side, ...] = ("north", "south", "west", "east")
 
 
 @lru_cache(maxsize=8)
-def searched_terrain(dem: Path, side: Side = "whole") -> Terrain:
-    """The DEM, or one half of it, made ready for the search, once in a process."""
-    whole = load_dem([dem])
+def searched_terrain(dem: Path, side: Side = "whole", error_m: float | None = None) -> Terrain:
+    """The DEM, or one half of it, made ready for the search, once in a process; ``error_m``: what the search is told of it."""
+    whole = load_dem([dem], error_m=error_m)
     if side != "whole":
         part = _half(whole.z_m.shape, side)
         shift = Affine.translation(part[1].start or 0, part[0].start or 0)
-        whole = dem_from_array(whole.z_m[part], whole.transform @ shift, whole.crs)
+        whole = dem_from_array(whole.z_m[part], whole.transform @ shift, whole.crs, error_m=error_m)
     terrain = prepare_terrain(whole)
     load_kernels(terrain)
     return terrain

@@ -278,6 +278,15 @@ def test_locate_warns_of_zeros_that_look_like_voids_on_standard_error(
     assert re.fullmatch(r"localizer: 100 cells of 0 .* --nodata 0\n", err)
 
 
+def test_the_search_is_told_what_is_said_of_the_dem(run, refused, searched, bundle_dir, dem_file):
+    calls = searched("fix")
+    run("locate", bundle_dir, "--dem", dem_file)
+    run("locate", bundle_dir, "--dem", dem_file, "--dem-error", "2.5")
+    assert [dem.error_m for _, dem in calls] == [None, 2.5]
+    for nonsense in ("-1", "nan", "inf", "much"):
+        assert "--dem-error" in refused("locate", bundle_dir, "--dem", dem_file, "--dem-error", nonsense)
+
+
 def test_every_bad_input_of_locate_is_told_in_one_line_before_the_search(
     refused, searched, bundle_dir, dem_file, tmp_path
 ):

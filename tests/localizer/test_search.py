@@ -117,6 +117,39 @@ def test_the_error_agrees_with_the_covariance(terrain):
     assert 0.1 < np.mean(squares) < 4.0
 
 
+def said_to_be(terrain: Terrain, error_m: float) -> Terrain:
+    return dataclasses.replace(terrain, dem=dataclasses.replace(terrain.dem, error_m=error_m))
+
+
+def test_a_dem_said_to_be_the_terrain_itself_is_taken_at_its_word_where_that_fits(terrain):
+    observation = observe(terrain, noise_px=3.0)
+    doubted, trusted = locate(terrain, observation), locate(said_to_be(terrain, 0.0), observation)
+    assert trusted.decision.status == doubted.decision.status == "fix"
+    sigma_m = np.sqrt([np.trace(found.best.covariance_enu_m2) for found in (trusted, doubted)])
+    assert sigma_m[0] < 0.9 * sigma_m[1]
+    assert error_cells(trusted) * terrain.cell_m < 4.0 * sigma_m[0]
+    assert trusted.timing_s["refine"] > doubted.timing_s["stage1"] > 0.0
+
+
+def test_a_dem_wrongly_said_to_be_the_terrain_itself_is_doubted_all_the_same(terrain):
+    observation = observe(terrain)
+    rng = np.random.default_rng(3)
+    rough = (terrain.dem.z_m + rng.normal(0.0, 2.0, terrain.dem.z_m.shape)).astype(np.float32)
+    wrong = prepare_terrain(dataclasses.replace(terrain.dem, z_m=rough))
+    doubted, trusted = locate(wrong, observation), locate(said_to_be(wrong, 0.0), observation)
+    assert trusted.decision.status == doubted.decision.status != "none"
+    assert (trusted.best.row, trusted.best.col) == (doubted.best.row, doubted.best.col)
+    assert trusted.best.dem_error_m > 0.5
+
+
+def test_the_search_sets_out_from_the_error_that_a_dem_is_said_to_have(terrain):
+    assert said_to_be(terrain, 7.5).usual_error_m == 7.5
+    assert terrain.usual_error_m >= 3.0
+    assert said_to_be(terrain, 7.5).near_m == terrain.near_m > 0.0
+    assert said_to_be(terrain, 0.0).near_m == 0.0
+    assert said_to_be(terrain, 0.0).doubted().usual_error_m == terrain.usual_error_m
+
+
 def test_stage_one_keeps_the_true_cell_and_counts_what_it_did(terrain):
     observation = observe(terrain)
     skyline = measured_skyline(observation, tuple(frame_contour(f) for f in observation.frames))
