@@ -108,6 +108,8 @@ class RunSection(Section):
     """``[run]``: what ``rig run`` does."""
 
     dem: Files
+    dem_error_m: Annotated[float, Field(gt=0.0, le=1000.0)] | None = None
+    """One standard deviation of its elevations, where it is known."""
     every_s: OptionalSeconds = None
     """A capture so often; none by the clock where absent."""
     retry_least_s: Seconds = 1.0

@@ -58,7 +58,12 @@ def run_of(config: RigConfig, path: Path) -> RunSection:
 
 def start_worker(run: RunSection) -> SearchProcess:
     """A search process, which has still to read its DEM."""
-    return SearchProcess(run.dem, run.search.memory_mb, run.search.time_s)
+    return SearchProcess(run.dem, run.search.memory_mb, run.search.time_s, dem_error_m=run.dem_error_m)
+
+
+def _searched(run: RunSection) -> tuple[object, ...]:
+    """What a search process is started with."""
+    return run.dem, run.dem_error_m, run.search
 
 
 def worker_with_terrain(run: RunSection, beat: Callable[[], None]) -> SearchProcess:
@@ -183,7 +188,7 @@ class MainLoop:
         try:
             config = load_config(self._path)
             run = run_of(config, self._path)
-            same = (run.dem, run.search) == (self._run.dem, self._run.search)
+            same = _searched(run) == _searched(self._run)
             return Following(config, None if same else worker_with_terrain(run, beat))
         except SkyfixError as error:
             refused(self._board, str(error))

@@ -58,7 +58,13 @@ class SearchProcess:
     """
 
     def __init__(
-        self, dem: Sequence[Path], memory_mb: int, time_s: float, command: Sequence[str] = WORKER
+        self,
+        dem: Sequence[Path],
+        memory_mb: int,
+        time_s: float,
+        command: Sequence[str] = WORKER,
+        *,
+        dem_error_m: float | None = None,
     ) -> None:
         self.dem = tuple(dem)
         self._limits = memory_mb, time_s
@@ -72,7 +78,7 @@ class SearchProcess:
             bufsize=0,
         )
         try:
-            self._send({"dem": [str(file) for file in self.dem]})
+            self._send({"dem": [str(file) for file in self.dem], "dem_error_m": dem_error_m})
         except BaseException:
             self.close()
             raise

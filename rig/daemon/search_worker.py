@@ -1,6 +1,6 @@
 """The search in a process of its own: requests come in on standard input, answers go out, one JSON object a line.
 
-    -> {"dem": ["terrain.tif"]}                            once
+    -> {"dem": ["terrain.tif"], "dem_error_m": null}        once
     <- {"terrain": {"cells": 153036}} or {"error": "one line"}
     <- {"pictures": true}                                   kernels for pictures are on the disk
     <- {"ready": true}
@@ -51,7 +51,8 @@ def main() -> None:
     requests: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
     threading.Thread(target=_receive, args=(requests,), daemon=True).start()
     try:
-        dem = load_dem([Path(file) for file in requests.get()["dem"]])
+        first = requests.get()
+        dem = load_dem([Path(file) for file in first["dem"]], error_m=first["dem_error_m"])
         terrain = with_sound_kernels(lambda: prepare_terrain(dem))
     except SkyfixError as error:
         _send(out, {"error": str(error)})

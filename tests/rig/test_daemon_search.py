@@ -42,6 +42,15 @@ class TestProcess:
         assert found.tracker.look_evidence == 4.0
         assert worker.memory_mb > 1.0
 
+    def test_it_is_told_what_is_said_of_the_dem(self) -> None:
+        echo = "import json; print(json.dumps({'error': 'told ' + str(json.loads(input())['dem_error_m'])}))"
+        for said in (None, 2.5):
+            command = sys.executable, "-c", echo
+            worker = SearchProcess([Path("any.tif")], 256, IN_TIME_S, command, dem_error_m=said)
+            with pytest.raises(SearchFailedError, match=f"told {said}"):
+                worker.wait_terrain()
+            worker.close()
+
     @pytest.mark.parametrize(
         ("worker", "bundle", "reason", "lives"),
         [
