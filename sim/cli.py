@@ -219,9 +219,14 @@ def demo(
 @sim.command()
 @dem_option
 @_seed_option
+@click.option(
+    "--doubt",
+    is_flag=True,
+    help="Doubt the DEM as that of a real place, above all close by; the paper takes it for the terrain itself.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 @one_line_failures
-def paper(dem_paths: tuple[Path, ...], seed: int, as_json: bool) -> None:
+def paper(dem_paths: tuple[Path, ...], seed: int, doubt: bool, as_json: bool) -> None:
     """Repeat the paper's Table I at contour level: nine places, noise-free and with sigma = 5 px.
 
     Example: sim paper --json
@@ -233,6 +238,7 @@ def paper(dem_paths: tuple[Path, ...], seed: int, as_json: bool) -> None:
         _dems(dem_paths),
         not dem_paths,
         seed,
+        doubt,
         lambda number, row: click.echo(f"place {number + 1} of 9: {row.status_noise_free}", err=True),
     )
     if as_json:
