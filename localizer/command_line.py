@@ -2,6 +2,7 @@
 
 import errno
 import math
+import os
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -67,7 +68,10 @@ class OutputFolder(click.Path):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         if value == "":
             self.fail("the name of the folder is empty; for the current one say a dot.", param, ctx)
-        return super().convert(value, param, ctx)
+        folder = Path(os.fsdecode(super().convert(value, param, ctx)))
+        if folder.is_file():
+            self.fail(f"{folder}: is a file; name a folder", param, ctx)
+        return folder
 
 
 def prepare_folder(option: str, folder: Path) -> None:

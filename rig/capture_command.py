@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from localizer.command_line import FiniteRange
+from localizer.command_line import FiniteRange, OutputFolder
 from rig.cli_options import config_option
 from rig.clock import wall_clock
 from rig.config import RigConfig, config_path, load_config
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     "--out",
     "out_dir",
     metavar="DIR",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=OutputFolder(),
     help="Where the bundle goes; by default [rig] bundle_dir.",
 )
 @click.option(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from localizer.command_line import OutputFolder
 from sim.failures import one_line_failures
 from sim.options import EMBEDDED_DEM, dem_option
 
@@ -43,9 +44,7 @@ OUTSIDE = 5
     metavar="FILE",
     help="Write a row for each rig as it is done.",
 )
-@click.option(
-    "--keep", type=click.Path(path_type=Path), metavar="DIR", help="Keep calibrations, pictures and bundles."
-)
+@click.option("--keep", type=OutputFolder(), metavar="DIR", help="Keep calibrations, pictures and bundles.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of the table.")
 @one_line_failures
 def rigs(

@@ -150,3 +150,17 @@ def test_a_service_that_is_not_installed_as_json(tmp_path: Path) -> None:
     assert result.return_value == 1
     assert not found["good"]
     assert set(found["files"].values()) == {"absent"}
+
+
+def test_no_folder_to_write_into_has_an_empty_name() -> None:
+    """An unset variable of a script would have the files strewn over the current folder."""
+    targets = {
+        f"{name} {option.opts[0]}": option
+        for name in LEAVES
+        for option in COMMANDS[name].params
+        if isinstance(option, click.Option) and option.metavar == "DIR" and option.opts[0] != "--photos"
+    }
+    assert {"rig capture --out", "rig service install --root", "localizer locate --report"} <= targets.keys()
+    for option in targets.values():
+        with pytest.raises(click.BadParameter, match="empty"):
+            option.type.convert("", option, None)

@@ -6,6 +6,7 @@ from pathlib import Path
 import click
 
 from localizer.bundle import load_bundle
+from localizer.command_line import OutputFolder
 from rig.bundle.export import export, import_
 from rig.bundle.facts import facts
 from rig.bundle.look import json_option, list_, show, verify
@@ -35,7 +36,7 @@ def bundle() -> None:
     "--out",
     "out_dir",
     metavar="DIR",
-    type=click.Path(path_type=Path),
+    type=OutputFolder(),
     help="Where the new bundle goes; by default beside the old one.",
 )
 @json_option

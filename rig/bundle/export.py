@@ -6,6 +6,7 @@ from pathlib import Path
 import click
 
 from localizer.bundle import BundleError
+from localizer.command_line import OutputFolder
 from rig.bundle.archive import unpack_archive, write_archive
 from rig.bundle.look import json_option, loaded
 from rig.cli_options import folders_argument
@@ -54,7 +55,7 @@ def export(folders: tuple[Path, ...], path: Path, as_json: bool) -> None:
     "--out",
     "out_dir",
     metavar="DIR",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=OutputFolder(),
     required=True,
     help="The folder that the bundles go into.",
 )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from localizer.command_line import FiniteRange
+from localizer.command_line import FiniteRange, OutputFolder
 from rig.cli_options import config_option
 from rig.signals import stopping_cleanly
 
@@ -71,7 +71,7 @@ def session_options(command: Command) -> Command:
         "--out",
         "out_dir",
         metavar="DIR",
-        type=click.Path(path_type=Path, file_okay=False),
+        type=OutputFolder(),
         help="Where the calibration goes; by default the folder calibration beside the configuration.",
     )
     @click.option("--yes", is_flag=True, help="Ask nothing: all is ready, and the result is used.")

@@ -6,11 +6,13 @@ from pathlib import Path
 
 import click
 
+from localizer.command_line import OutputFolder
+
 root_option = click.option(
     "--root",
     metavar="DIR",
     default=Path("/"),
-    type=click.Path(path_type=Path, file_okay=False),
+    type=OutputFolder(),
     help="Treat DIR as the root of the machine: files only, nothing is started or stopped.",
 )
 dry_run_option = click.option("--dry-run", is_flag=True, help="Only say what would be done.")

@@ -41,7 +41,7 @@ from sim.options import dem_files
 @click.option(
     "--estimator-only",
     is_flag=True,
-    help="Take the contours from the very surface that is searched, so that only the estimator errs.",
+    help="Take the contours from the very surface that is searched, so that only the estimator errs, and tell it so.",
 )
 @click.option(
     "--jobs", type=click.IntRange(1, 256), default=1, show_default=True, help="Processes side by side."
