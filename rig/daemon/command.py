@@ -5,8 +5,11 @@ from pathlib import Path
 
 import click
 
+from rig.calibration import CalibrationError
 from rig.cli_options import config_option
 from rig.config import config_path, load_config
+from rig.daemon.config import control_in_bad
+from rig.errors import ConfigError
 
 EXIT_STATUS = {"started": 0, "busy": 3, "not ready": 4, "stopping": 5}
 """Of ``rig trigger``, by the daemon's answer."""
@@ -67,6 +70,13 @@ def _control(config_file: Path | None) -> Path:
     from rig.daemon.main_loop import run_of
 
     path = config_path(config_file)
-    run = run_of(load_config(path), path)
+    try:
+        run = run_of(load_config(path), path)
+    except (ConfigError, CalibrationError) as error:
+        control = control_in_bad(path)
+        if control is None or not control.exists():
+            raise
+        click.echo(f"rig: {error}; the daemon is asked, which goes on with what it has read before", err=True)
+        return control
     assert run.control  # filled in when the file was read
     return run.control

@@ -1,10 +1,11 @@
 """``[run]`` of the configuration: what the daemon does by itself, and where it publishes."""
 
 import re
+import tomllib
 from pathlib import Path
 from typing import Annotated, Literal, Self, get_args
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from rig.config_section import Section
 
@@ -147,3 +148,17 @@ class RunSection(Section):
                 "http": http,
             }
         )
+
+
+def control_in_bad(path: Path) -> Path | None:
+    """The control socket that a configuration names which is bad elsewhere; None where it is bad in this, too.
+
+    A daemon that has refused it goes on with the one before, and whoever wants to know why has to reach it.
+    """
+    try:
+        with path.open("rb") as file:
+            named = tomllib.load(file)["run"]
+        told = {key: named[key] for key in ("control", "spool") if key in named}
+        return RunSection.model_validate({"dem": ["any"], **told}).beside(path.parent).control
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, KeyError, TypeError, ValidationError):
+        return None

@@ -12,14 +12,17 @@ from pathlib import Path
 
 import pytest
 import structlog
+from click.testing import CliRunner
 from fakes import located
 
+from rig.cli import rig
 from rig.daemon.board import Board
 from rig.daemon.control import ControlError, ControlSocket, ask
 from rig.daemon.log import logging_to
 from rig.daemon.status import status_json, status_text
 from rig.daemon.stopping import Signals, StopRequestedError
 from rig.daemon.triggers import Triggers
+from rig.errors import ConfigError
 
 
 class TestLog:
@@ -155,6 +158,23 @@ class TestControl:
     def test_without_a_daemon_one_line_says_so(self, tmp_path: Path) -> None:
         with pytest.raises(ControlError, match="no rig run listens there"):
             ask(tmp_path / "control.sock", "status")
+
+    def test_a_daemon_can_be_asked_although_its_configuration_is_bad_by_now(self, control: Path) -> None:
+        config = control.parent / "vehicle.toml"
+        config.write_text('[pan_tlit]\n[run]\ndem = ["terrain.tif"]\ncontrol = "control.sock"\n')
+        told = CliRunner().invoke(rig, ["status", "--config", str(config), "--json"])
+        assert (told.exit_code, json.loads(told.stdout)["activity"]) == (0, "starting")
+        assert "pan_tlit" in told.stderr
+        assert told.stderr.count("\n") == 1
+
+    @pytest.mark.parametrize("text", ["[pan_tlit]\n", "not = [TOML", '[run]\ncontrol = 5\ndem = ["a.tif"]\n'])
+    def test_where_it_names_no_daemon_the_configuration_is_what_is_wrong(
+        self, tmp_path: Path, text: str
+    ) -> None:
+        config = tmp_path / "vehicle.toml"
+        config.write_text(text)
+        told = CliRunner().invoke(rig, ["status", "--config", str(config)])
+        assert isinstance(told.exception, ConfigError)
 
     def test_a_path_that_is_too_long_is_told(self, tmp_path: Path) -> None:
         board = Board()
