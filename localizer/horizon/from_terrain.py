@@ -30,6 +30,9 @@ BLOCKS = (4, 16, 64, 256)
 LARGEST_ROUGHNESS = 5.0
 NEAR_CELLS = 2.0
 """What rises above all else nearer than this no DEM can tell. It can only hide what is farther, never lower it."""
+RIM_CELLS = 3
+"""Terrain so close to where the DEM ends, or to a void in it, is no skyline to rely on: what lies beyond may be higher, and
+cells at a rim are often made up."""
 SMALLEST_ERROR_M = 0.02
 """Of a DEM; what is meant to be without any has that of numbers and interpolation."""
 
@@ -46,6 +49,7 @@ class Terrain:
     can meet while its row runs through block i, having entered it in the columns of block j, the neighbours of j included.
     ``col_blocks`` likewise, rows and columns exchanged.
     ``half_cell_relief_m`` (rows, cols) is by how much the ground may differ half a cell away.
+    ``rim`` (rows, cols) is whether a cell lies within RIM_CELLS of where the DEM ends or has a void.
     ``drop_per_m2`` is (1 - k) / (2 R). ``roughness`` (rows, cols) is how much the surface bends from cell to cell (second
     differences), in terms of its mean over the DEM, ``mean_bend_m``: what a DEM says between and at its cells is the less
     certain, the more the terrain bends there.
@@ -56,6 +60,7 @@ class Terrain:
     height_m: Heights
     cell_ceiling_m: Heights
     half_cell_relief_m: Heights
+    rim: NDArray[np.bool_]
     row_blocks: Heights
     col_blocks: Heights
     highest_m: float
@@ -89,9 +94,18 @@ class Terrain:
 
     def roughness_at(self, row: Floats, col: Floats) -> Floats:
         """Roughness (n,) of the cells nearest to lattice positions (n,), of those on the rim for what lies beyond it."""
-        i = np.clip(np.rint(row), 0, self.roughness.shape[0] - 1).astype(np.int64)
-        j = np.clip(np.rint(col), 0, self.roughness.shape[1] - 1).astype(np.int64)
-        return np.asarray(self.roughness[i, j], np.float64)
+        return np.asarray(self.roughness[self._nearest(row, col)], np.float64)
+
+    def is_rim(self, row: Floats, col: Floats) -> NDArray[np.bool_]:
+        """Whether lattice positions (n,) lie on the DEM's rim, or beyond it."""
+        return np.asarray(self.rim[self._nearest(row, col)])
+
+    def _nearest(self, row: Floats, col: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        rows, cols = self.height_m.shape
+        return (
+            np.clip(np.rint(row), 0, rows - 1).astype(np.int64),
+            np.clip(np.rint(col), 0, cols - 1).astype(np.int64),
+        )
 
     @property
     def cell_m(self) -> float:
@@ -110,6 +124,7 @@ def prepare_terrain(dem: Dem, refraction: float = REFRACTION) -> Terrain:
         height_m=np.ascontiguousarray(height),
         cell_ceiling_m=_cell_ceilings(height),
         half_cell_relief_m=half_cell_relief_m(height),
+        rim=_rim(dem.z_m),
         row_blocks=_block_maxima(height),
         col_blocks=_block_maxima(np.ascontiguousarray(height.T)),
         highest_m=float(height.max()),
@@ -130,6 +145,13 @@ def half_cell_relief_m(height_m: Heights) -> Heights:
         after = np.pad(difference, [(0, 1) if a == axis else (0, 0) for a in (0, 1)])
         steps = np.maximum(steps, np.maximum(before, after))
     return np.asarray(0.5 * steps, np.float32)
+
+
+def _rim(z_m: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Cells within RIM_CELLS of a void or of what lies outside."""
+    void = np.pad(~np.isfinite(z_m), RIM_CELLS, constant_values=True).astype(np.uint8)
+    near = cv2.dilate(void, np.ones((2 * RIM_CELLS + 1,) * 2, np.uint8))
+    return np.ascontiguousarray(near[RIM_CELLS:-RIM_CELLS, RIM_CELLS:-RIM_CELLS].astype(bool))
 
 
 def _bend_m(z_m: NDArray[np.float32]) -> Heights:

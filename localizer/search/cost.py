@@ -37,21 +37,19 @@ def columns_along(
     )
 
 
-def undecided_cost(problem: Problem, x: Floats, here: Evaluation, model: ErrorModel, sigma: Floats) -> float:
-    """What the columns cost that show terrain without telling which.
+def visible_cost(
+    problem: Problem, x: Floats, here: Evaluation, model: ErrorModel, sigma: Floats, telling_cost: float
+) -> float:
+    """What the columns cost that show terrain, even where it is left open which; ``telling_cost``: of those that tell it.
 
-    They do not move a fit. But were they free, the likeliest place would be the one that leaves most of them undecided.
+    Undecided columns do not move a fit. But were they free, the likeliest place would be the one that leaves most undecided.
     """
-    telling, visible = telling_columns(here, sigma), visible_columns(here, sigma)
-    if np.array_equal(telling, visible):
-        return 0.0
+    visible = visible_columns(here, sigma)
+    if np.array_equal(telling_columns(here, sigma), visible):
+        return telling_cost
     seen = replace(here, residual=visible_residual(here, sigma))
-    normalised = seen.residual / sigma
-    with_them, without = (
-        whitened_cost(columns_along(problem, x, seen, model, weights(counted, normalised)), model)
-        for counted in (visible, telling)
-    )
-    return with_them - without
+    weight = weights(visible, seen.residual / sigma)
+    return whitened_cost(columns_along(problem, x, seen, model, weight), model)
 
 
 def expected_scale(problem: Problem, x: Floats, here: Evaluation, model: ErrorModel) -> float:

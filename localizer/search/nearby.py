@@ -181,7 +181,8 @@ def _settled(problem: Problem, start: Refined, largest: float, strict: float = 1
 def _weighed(best: Refined, finals: list[Refined], others: list[Refined], terrain: Terrain) -> Refined:
     """The best fit, moved to the mean of all finals by their likelihoods, its covariance widened by how far the fits lie apart.
 
-    ``best`` has all columns, ``finals``, the best of them first, fewer; ``others``, of fewer still, only widen it.
+    ``best`` has all columns, ``finals``, the best of them first, fewer; ``others``, of fewer still, only widen it. Whichever
+    peak explains the contours best, by so much the place does.
     """
     dem, blunting = terrain.dem, 1.0 + BLUNTING_PER_M * best.error_model.smooth_m
 
@@ -202,4 +203,5 @@ def _weighed(best: Refined, finals: list[Refined], others: list[Refined], terrai
         row=float(row),
         col=float(col),
         covariance_enu_m2=best.covariance_enu_m2 + (share[:, None] * off_m).T @ off_m,
+        evidence=max(fit.evidence for fit in [best, *finals]),
     )

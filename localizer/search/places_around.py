@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from localizer.search.cost import columns_along, expected_scale, prior_cost, undecided_cost
+from localizer.search.cost import columns_along, expected_scale, prior_cost, visible_cost
 from localizer.search.error_model import normal_equations
 from localizer.search.noise import Noise
 from localizer.search.problem import ALTITUDE, EAST, NORTH, Problem
@@ -77,10 +77,9 @@ def _fitted_there(problem: Problem, x: Floats, here: Evaluation, noise: Noise) -
     normal = normal_equations(columns, noise.model)
     step = np.linalg.solve(normal.curvature[ALTITUDE:, ALTITUDE:], normal.slope[ALTITUDE:])
     cost = (
-        normal.cost
+        visible_cost(problem, x, here, noise.model, sigma, normal.cost)
         + prior_cost(problem, x, here, noise.model)
         - 0.5 * float(normal.slope[ALTITUDE:] @ step)
-        + undecided_cost(problem, x, here, noise.model, sigma)
         + stray_loss(problem, here, sigma)
         + expected_scale(problem, x, here, noise.model)
     )

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from localizer.search.cost import columns_along, expected_scale, prior_cost, prior_misfits, undecided_cost
+from localizer.search.cost import columns_along, expected_scale, prior_cost, prior_misfits, visible_cost
 from localizer.search.error_model import ErrorModel, Normal, likely_models, normal_equations, whitened_cost
 from localizer.search.noise import Noise, estimated_noise, possible_models
 from localizer.search.problem import (
@@ -176,9 +176,8 @@ def _result(
         )
     misfit, _ = prior_misfits(problem, x, here, noise.spread_m)
     fit_cost = (
-        whitened_cost(columns, noise.model)
+        visible_cost(problem, x, here, noise.model, sigma, whitened_cost(columns, noise.model))
         + prior_cost(problem, x, here, noise.model)
-        + undecided_cost(problem, x, here, noise.model, sigma)
         + stray_loss(problem, here, sigma)
         + expected_scale(problem, x, here, noise.model)
     )

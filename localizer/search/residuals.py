@@ -43,6 +43,8 @@ class Evaluation:
     """Whether the DEM has something nearer that is higher, ..."""
     above: Floats
     """... and by how much, radians."""
+    rim: NDArray[np.bool_]
+    """Whether the horizon lies where the DEM ends: no DEM can tell that, either."""
     guess_m: Floats
     """Where the horizon is, near or far."""
     slope: Floats
@@ -98,12 +100,13 @@ def evaluate(
     jacobian[index, FIRST_FRAME + PER_FRAME * frame_of + 1] = by_tilt
     jacobian[index, FIRST_FRAME + PER_FRAME * frame_of + 2] = by_roll
     row_h, col_h = _lattice(d * np.sin(azimuth), d * np.cos(azimuth), (row, col), frame)
+    rim = terrain.is_rim(row_h, col_h) & (not terrain.exact)
     share = np.sqrt(1.0 + terrain.roughness_at(row_h, col_h) ** 2)
     own = 0.0
     if not terrain.exact:
         bend_m = terrain.mean_bend_m * float(terrain.roughness_at(np.array([row]), np.array([col]))[0])
         own = float(np.hypot(BETWEEN_CELLS * bend_m, 0.1))
-    return Evaluation(residual, jacobian, d, near, above, guess_m, slope, share, ground, gradient, own)
+    return Evaluation(residual, jacobian, d, near, above, rim, guess_m, slope, share, ground, gradient, own)
 
 
 def secants(

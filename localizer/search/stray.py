@@ -23,12 +23,12 @@ STRAY_SHARE = 0.1
 
 def telling_columns(here: Evaluation, sigma: Floats) -> NDArray[np.bool_]:
     """Columns (n,) that show what the DEM knows: neither hidden nor undecided."""
-    return np.asarray(~_hidden(here, sigma) & ~_undecided(here, sigma))
+    return np.asarray(visible_columns(here, sigma) & ~_undecided(here, sigma))
 
 
 def visible_columns(here: Evaluation, sigma: Floats) -> NDArray[np.bool_]:
     """Columns (n,) that show terrain that the DEM has, even where it is left open which."""
-    return ~_hidden(here, sigma)
+    return np.asarray(~_hidden(here, sigma) & ~here.rim)
 
 
 def visible_residual(here: Evaluation, sigma: Floats) -> Floats:

@@ -8,7 +8,7 @@ from affine import Affine
 from pyproj import CRS
 
 from localizer.dem import Dem, dem_from_array, load_dem
-from localizer.horizon.from_terrain import EARTH_RADIUS_M, Terrain, horizon, prepare_terrain
+from localizer.horizon.from_terrain import EARTH_RADIUS_M, RIM_CELLS, Terrain, horizon, prepare_terrain
 
 SANTA_CRUZ = Path(__file__).parents[2] / "sim" / "terrain" / "santa_cruz_srtm_1s.tif"
 LOCAL = CRS.from_proj4("+proj=tmerc +lat_0=46 +lon_0=8 +k=1 +x_0=0 +y_0=0 +ellps=WGS84")
@@ -127,3 +127,15 @@ def test_a_higher_eye_sees_a_lower_horizon(santa_cruz: Terrain):
     low, _ = horizon(santa_cruz, 400.0, 400.0, ground + 2.0, azimuth)
     high, _ = horizon(santa_cruz, 400.0, 400.0, ground + 50.0, azimuth)
     assert (high <= low + 1e-9).all()
+
+
+def test_the_rim_is_what_lies_close_to_where_the_dem_ends_or_to_a_void():
+    height = np.zeros((SIDE, SIDE))
+    height[60, 80] = np.nan
+    terrain = prepare_terrain(dem_of(height))
+    index = np.arange(SIDE)
+    outer = (index < RIM_CELLS) | (index >= SIDE - RIM_CELLS)
+    by_void = (np.abs(index - 60) <= RIM_CELLS)[:, None] & (np.abs(index - 80) <= RIM_CELLS)[None, :]
+    assert np.array_equal(terrain.rim, outer[:, None] | outer[None, :] | by_void)
+    lies_there = terrain.is_rim(np.array([-5.0, 60.4, MIDDLE]), np.array([70.0, 77.0, MIDDLE]))
+    assert lies_there.tolist() == [True, True, False]

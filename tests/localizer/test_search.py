@@ -14,7 +14,7 @@ from localizer.answer import fix_of
 from localizer.bundle import load_bundle
 from localizer.camera import camera_to_world, project
 from localizer.contradiction import Settled, settle_frames
-from localizer.dem import load_dem
+from localizer.dem import dem_from_array, load_dem
 from localizer.fix import Fix
 from localizer.geodesy import rowcol_to_lonlat
 from localizer.horizon.from_image import ColumnState, Skyline
@@ -296,6 +296,18 @@ def test_a_place_outside_the_dem_is_not_found(terrain):
 def test_an_altitude_outside_the_dem_finds_nothing(terrain):
     located = locate(terrain, dataclasses.replace(observe(terrain), altitude_m=5000.0))
     assert located.decision.status == "none"
+
+
+@pytest.mark.long
+def test_a_skyline_beyond_the_end_of_the_dem_does_not_lose_the_place(terrain):
+    """What rises behind the last cells is seen, but not known; where the DEM ends no ridge is believed in."""
+    place, dem = (300.3, 300.2), terrain.dem
+    ends_near = prepare_terrain(dem_from_array(dem.z_m[: round(place[0]) + 60], dem.transform, dem.crs))
+    located = locate(ends_near, observe(terrain, place))
+    assert located.decision.status == "fix"
+    assert error_cells(located, place) < 0.1
+    believing = dataclasses.replace(ends_near, rim=np.zeros_like(ends_near.rim))
+    assert locate(believing, observe(terrain, place), everywhere=False).decision.status == "none"
 
 
 def test_no_contour_at_all_finds_nothing(terrain):

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from localizer.search.cost import columns_along, undecided_cost
+from localizer.search.cost import columns_along, visible_cost
 from localizer.search.error_model import ErrorModel, whitened_cost
 from localizer.search.residuals import Evaluation
 from localizer.search.stray import evidence_over_chance, evidence_used_up, surprise, telling_columns, weights
@@ -17,7 +17,9 @@ def column(residual_rad: float, near: bool, above_rad: float = 0.0) -> Evaluatio
     return columns(np.array([residual_rad]), near, above_rad)
 
 
-def columns(residual_rad: np.ndarray, near: bool = False, above_rad: float = 0.0) -> Evaluation:
+def columns(
+    residual_rad: np.ndarray, near: bool = False, above_rad: float = 0.0, rim: bool = False
+) -> Evaluation:
     one = np.ones(len(residual_rad))
     return Evaluation(
         residual=residual_rad,
@@ -25,6 +27,7 @@ def columns(residual_rad: np.ndarray, near: bool = False, above_rad: float = 0.0
         distance=1000.0 * one,
         near=np.full(len(one), near),
         above=above_rad * one,
+        rim=np.full(len(one), rim),
         guess_m=1000.0 * one,
         slope=0.0 * one,
         dem_error_share=one,
@@ -111,6 +114,14 @@ def test_stretches_that_are_off_together_by_one_columns_noise_speak_for_no_place
     assert evidence(apart + noise((BLOCKS, IN_EACH)), NOISE_RAD, 1.0) < 0.0
 
 
+def test_a_horizon_where_the_dem_ends_tells_nothing_and_costs_what_any_other_stretch_would():
+    sigma = np.array([SIGMA_RAD])
+    for off in (-20.0, 0.0, 20.0):
+        here = columns(off * sigma, rim=True)
+        assert not telling_columns(here, sigma)[0]
+        assert surprise(here, sigma) == pytest.approx(surprise(columns(0.5 * np.ones(1), near=True), sigma))
+
+
 def test_a_place_gains_nothing_by_leaving_columns_undecided():
     low = -np.abs(noise((400,), SIGMA_RAD))  # so none shows what stands near
     seen = np.maximum(low, -2.5 * SIGMA_RAD)
@@ -129,7 +140,7 @@ def test_a_place_gains_nothing_by_leaving_columns_undecided():
         sigma, x = problem.sigma_rad, np.zeros(8)
         telling = weights(telling_columns(here, sigma), here.residual / sigma)
         told = whitened_cost(columns_along(problem, x, here, model, telling), model)  # type: ignore[arg-type]
-        return told + undecided_cost(problem, x, here, model, sigma)  # type: ignore[arg-type]
+        return visible_cost(problem, x, here, model, sigma, told)  # type: ignore[arg-type]
 
     far, undecided = (columns(seen, near, above_rad=SIGMA_RAD) for near in (False, True))
     far.ground_m = undecided.ground_m = np.nan
