@@ -13,6 +13,7 @@ import numpy as np
 
 from localizer.answer import Located
 from localizer.details import CONTRADICTS
+from localizer.geodesy import after
 from localizer.horizon.from_terrain import Terrain, horizon
 from localizer.observation import FrameObservation, Observation
 from localizer.search.contours import frame_contour
@@ -118,7 +119,11 @@ def frame_agreement(terrain: Terrain, frame: FrameObservation, place: Refined) -
         horizon(terrain, place.row, place.col, place.altitude_m, azimuth_deg + side)[0][0]
         for side in (-aside, aside)
     ]
-    far = ~(distance_m[0] < terrain.near_m)  # a ray that meets nothing counts: as a contradiction
+    reach_m = np.nan_to_num(distance_m[0])
+    east_m, north_m = reach_m * np.sin(azimuth_rad), reach_m * np.cos(azimuth_rad)
+    row, col = after(terrain.frames.at(place.row, place.col)[0], place.row, place.col, east_m, north_m)
+    nowhere = np.isnan(distance_m[0])  # a ray that meets nothing counts: as a contradiction
+    far = nowhere | ((reach_m >= terrain.near_m) & ~terrain.is_rim(row, col))
     if np.count_nonzero(far) < FAR_COLUMNS:
         return None
     by_azimuth = np.radians(np.maximum(abs(beside[0] - seen[0]), abs(beside[1] - seen[0])))

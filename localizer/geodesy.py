@@ -125,6 +125,18 @@ class LatticeFrames:
         return np.reshape(out, (-1, 2, 5))
 
 
+def after(
+    frame: Floats, row: float, col: float, east_m: ArrayLike, north_m: ArrayLike
+) -> tuple[Floats, Floats]:
+    """Row and col, elementwise, where geodesics of (row, col) end, given their lengths' parts to true east and north.
+
+    ``frame``: (2, 5), the coefficients there, or a few cells away.
+    """
+    e, n = np.asarray(east_m, np.float64), np.asarray(north_m, np.float64)
+    steps = np.tensordot(frame, np.array([e, n, e * e, e * n, n * n]), axes=1)
+    return row + steps[0], col + steps[1]
+
+
 def lattice_frames(dem: Dem) -> LatticeFrames:
     """Fit the coefficients on a coarse grid of nodes over the DEM. Takes some milliseconds."""
     node_rows = np.linspace(0.0, dem.rows - 1, _node_count(dem.rows * dem.spacing_ns_m))

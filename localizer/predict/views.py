@@ -8,7 +8,7 @@ from scipy.signal import find_peaks
 
 from localizer.dem import Dem
 from localizer.errors import SkyfixError
-from localizer.geodesy import lonlat_to_rowcol, rowcol_to_lonlat
+from localizer.geodesy import after, lonlat_to_rowcol, rowcol_to_lonlat
 from localizer.horizon.from_terrain import Terrain, horizon
 
 Floats = NDArray[np.float64]
@@ -17,8 +17,6 @@ Flags = NDArray[np.bool_]
 STEP_DEG = 0.05
 NEAR_CELLS = 2.0
 """Nearer than this, a skyline is made of less than the elevation model resolves."""
-EDGE_CELLS = 1.5
-"""Where the terrain ends so soon behind the skyline, it may rise beyond."""
 MARCH_STEPS = 512
 LEAST_PROMINENCE_DEG = 0.2
 MOST_SUMMITS = 8
@@ -64,7 +62,7 @@ class View:
     distance_m: Floats
     """NaN there."""
     at_edge: Flags
-    """The terrain ends (the DEM's edge or a void) where the skyline lies, or there is none at all."""
+    """The skyline lies where the terrain ends (the DEM's edge or a void), or there is none at all: no search believes in it."""
     too_near: Flags
     """Nearer than NEAR_CELLS cells."""
     may_be_overtopped: Flags
@@ -110,13 +108,12 @@ def view(terrain: Terrain, place: Standpoint, azimuth_deg: float, width_deg: flo
     elevation, distance = horizon(terrain, place.row, place.col, place.altitude_m, azimuths_deg)
     elevation_deg, distance_m = elevation[0], distance[0]
     nowhere = np.isnan(distance_m)
-    behind_m = np.where(nowhere, 0.0, distance_m) + EDGE_CELLS * terrain.cell_m
-    behind = terrain.dem.ground_m(*along(terrain, place, azimuths_deg, behind_m))
     end_m = _end_of_terrain_m(terrain, place, azimuths_deg)
     hidden_up_to_m = (
         place.altitude_m + np.tan(np.radians(elevation_deg)) * end_m + terrain.drop_per_m2 * end_m**2
     )
-    at_edge = nowhere | np.isnan(behind)
+    seen_at = along(terrain, place, azimuths_deg, np.where(nowhere, 0.0, distance_m))
+    at_edge = nowhere | terrain.is_rim(*seen_at)
     return View(
         azimuth_deg=azimuth_deg,
         width_deg=width_deg,
@@ -136,10 +133,7 @@ def along(
     """Row and col, elementwise, after so many metres along geodesics in true azimuths from a place."""
     frame = terrain.frames.at(place.row, place.col)[0]
     azimuth = np.radians(azimuth_deg)
-    e, n = distance_m * np.sin(azimuth), distance_m * np.cos(azimuth)
-    terms = np.stack([e, n, e * e, e * n, n * n])
-    row, col = np.tensordot(frame, terms, axes=1)
-    return place.row + row, place.col + col
+    return after(frame, place.row, place.col, distance_m * np.sin(azimuth), distance_m * np.cos(azimuth))
 
 
 def _end_of_terrain_m(terrain: Terrain, place: Standpoint, azimuth_deg: Floats) -> Floats:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from localizer.geodesy import after
 from localizer.horizon.from_terrain import horizon_around
 from localizer.search.problem import (
     ALTITUDE,
@@ -99,7 +100,7 @@ def evaluate(
     jacobian[index, FIRST_FRAME + PER_FRAME * frame_of] = slope * per_degree
     jacobian[index, FIRST_FRAME + PER_FRAME * frame_of + 1] = by_tilt
     jacobian[index, FIRST_FRAME + PER_FRAME * frame_of + 2] = by_roll
-    row_h, col_h = _lattice(d * np.sin(azimuth), d * np.cos(azimuth), (row, col), frame)
+    row_h, col_h = after(frame, row, col, d * np.sin(azimuth), d * np.cos(azimuth))
     rim = terrain.is_rim(row_h, col_h) & (not terrain.exact)
     share = np.sqrt(1.0 + terrain.roughness_at(row_h, col_h) ** 2)
     own = 0.0
@@ -136,14 +137,8 @@ def residual_sigma(problem: Problem, here: Evaluation, s: float) -> Floats:
 
 def place_of(x: Floats, origin: tuple[float, float], frame: Floats) -> tuple[float, float]:
     """Row and column of the place in ``x``, whose metres count from ``origin``."""
-    row, col = _lattice(x[EAST], x[NORTH], origin, frame)
+    row, col = after(frame, *origin, x[EAST], x[NORTH])
     return float(row), float(col)
-
-
-def _lattice(e: Floats, n: Floats, origin: tuple[float, float], frame: Floats) -> tuple[Floats, Floats]:
-    """Row and column of what lies e metres east and n north of a place; frames a few cells away are the same."""
-    terms = np.array([e, n, e * e, e * n, n * n])
-    return origin[0] + frame[0] @ terms, origin[1] + frame[1] @ terms
 
 
 def ground_at(

@@ -6,6 +6,7 @@ Contours come from the very surface that is searched; pictures and other surface
 import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ import pytest
 from localizer.answer import fix_of
 from localizer.bundle import load_bundle
 from localizer.camera import camera_to_world, project
-from localizer.contradiction import Settled, settle_frames
+from localizer.contradiction import Settled, frame_agreement, settle_frames
 from localizer.dem import dem_from_array, load_dem
 from localizer.fix import Fix
 from localizer.geodesy import rowcol_to_lonlat
@@ -296,6 +297,20 @@ def test_a_place_outside_the_dem_is_not_found(terrain):
 def test_an_altitude_outside_the_dem_finds_nothing(terrain):
     located = locate(terrain, dataclasses.replace(observe(terrain), altitude_m=5000.0))
     assert located.decision.status == "none"
+
+
+def test_a_frame_whose_horizon_lies_where_the_dem_ends_neither_agrees_nor_contradicts(terrain):
+    row, col = PLACE
+    seen = observe(terrain, azimuth_bias_deg=0.0).frames[2]
+    eye_m = float(terrain.dem.ground_m(*PLACE)) + 2.0
+    found = SimpleNamespace(
+        row=row, col=col, altitude_m=eye_m, azimuth_bias_deg=0.0, tilt_bias_deg=0.0, dem_error_m=1.0
+    )
+    raised = dataclasses.replace(seen, v_px=seen.v_px - 30.0)
+    all_rim = dataclasses.replace(terrain, rim=np.ones_like(terrain.rim))
+    assert frame_agreement(terrain, seen, found) > 0.9
+    assert frame_agreement(terrain, raised, found) < 0.1
+    assert frame_agreement(all_rim, raised, found) is None
 
 
 @pytest.mark.long
