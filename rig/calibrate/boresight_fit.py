@@ -6,7 +6,7 @@ azimuth and heading are told apart by frames of one ridge at several tilts; thei
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,9 +68,10 @@ def fit_boresight(
 ) -> BoresightFit:
     """Fit. ``CalibrationError`` where the skyline is hidden, or is not the one that the DEM has there."""
     _require_skyline(frames)
-    points = Points(frames)
     search_deg = min(max(4.0 * heading_sigma_deg, 40.0), 180.0)
-    shift_deg, tilt_deg, roll_deg = search_turn(points, profile, start, search_deg)
+    shift_deg, tilt_deg, roll_deg = search_turn(Points(frames), profile, start, search_deg)
+    frames = _where_the_dem_knows(frames, profile, start, shift_deg)
+    points = Points(frames)
     stops = max(frame.stop for frame in frames) + 1
     boresight = np.array([start.azimuth_deg, start.tilt_deg, start.roll_deg])
     # A large turn is the camera's as far as a camera can be turned in its head, the rest the heading's.
@@ -176,6 +177,25 @@ def _together(
             break
     white = errors.whiten @ left(unknowns).left_deg
     return Solved(unknowns, solved.covariance * max(1.0, float(np.mean(white**2)))), errors.dem_factor
+
+
+def _where_the_dem_knows(
+    frames: Sequence[SkylineFrame], profile: HorizonProfile, start: Attitude, shift_deg: float
+) -> list[SkylineFrame]:
+    """The frames without what they see where the DEM ends. ``CalibrationError`` where that leaves too little."""
+    kept = []
+    for frame in frames:
+        azimuth, _ = Points([frame]).seen(start, np.full(len(frame.rays), shift_deg))
+        known = ~profile.ends(azimuth)
+        share = frame.share * float(known.mean()) if len(known) else 0.0
+        kept.append(replace(frame, rays=frame.rays[known], sigma_deg=frame.sigma_deg[known], share=share))
+    seeing = sum(frame.share >= LEAST_SHARE for frame in kept)
+    if seeing < LEAST_FRAMES:
+        raise CalibrationError(
+            f"boresight: the DEM ends at the skyline that is seen in all but {seeing} of {len(kept)} frames; take one that "
+            "reaches further"
+        )
+    return kept
 
 
 def _require_skyline(frames: Sequence[SkylineFrame]) -> None:

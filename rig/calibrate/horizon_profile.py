@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
 
-from localizer.geodesy import enu_to_metric_jacobian, metric_to_rowcol, rowcol_to_metric
+from localizer.geodesy import after, enu_to_metric_jacobian, metric_to_rowcol, rowcol_to_metric
 from localizer.horizon.from_terrain import horizon, prepare_terrain
 from rig.calibrate.place import KnownPlace
 from rig.calibration import CalibrationError
@@ -16,15 +17,20 @@ STEP_DEG = 0.02
 ASIDE_M = 5.0
 NEAREST_M = 30.0  # nearer terrain is not known so well that it could be a mark
 OPEN_LIMIT = 0.5
+END_MARGIN_DEG = 1.0
 
 
 @dataclass(frozen=True)
 class HorizonProfile:
-    """Elevation and distance (m,) at azimuths in equal steps from north; derivatives (3, m) by metres east, north, up."""
+    """Elevation and distance (m,) at azimuths in equal steps from north; derivatives (3, m) by metres east, north, up.
+
+    ``at_end`` (m,): whether the skyline lies where the DEM ends, and may be another.
+    """
 
     elevation_deg: Vector
     distance_m: Vector
     by_place: Vector
+    at_end: NDArray[np.bool_]
 
     def elevation(self, azimuth_deg: Vector) -> Vector:
         """Elevation at any azimuths (n,)."""
@@ -33,6 +39,11 @@ class HorizonProfile:
     def distance(self, azimuth_deg: Vector) -> Vector:
         """How far the ridge is (n,), metres, at any azimuths (n,)."""
         return self._between(self.distance_m, azimuth_deg)
+
+    def ends(self, azimuth_deg: Vector) -> NDArray[np.bool_]:
+        """Whether the DEM ends at the skyline (n,) near any azimuths."""
+        widened = maximum_filter1d(self.at_end, round(2.0 * END_MARGIN_DEG / STEP_DEG) + 1, mode="wrap")
+        return np.asarray(self._between(widened.astype(float), azimuth_deg) > 0.0)
 
     def at(self, azimuth_deg: Vector, off_m: Vector, dem_sigma_m: float) -> tuple[Vector, Vector, Vector]:
         """Elevation from a place off by (3,) metres, its slope along the azimuth, and its sigma by the DEM's heights."""
@@ -63,16 +74,21 @@ def horizon_profile(place: KnownPlace, altitude_m: float) -> HorizonProfile:
     aside = steps_m @ jacobian.T
     rows, cols = metric_to_rowcol(place.dem, float(x) + aside[:, 0], float(y) + aside[:, 1])
     elevation, distance = horizon(terrain, rows, cols, np.full(len(rows), altitude_m), azimuths_deg)
-    open_share = float(np.mean(np.isnan(distance[0])))
+    nowhere = np.isnan(distance[0])
+    reach_m, azimuths = np.where(nowhere, 0.0, distance[0]), np.radians(azimuths_deg)
+    frame = terrain.frames.at(place.row, place.col)[0]
+    ridge = after(frame, place.row, place.col, reach_m * np.sin(azimuths), reach_m * np.cos(azimuths))
+    at_end = nowhere | terrain.is_rim(*ridge)
+    open_share = float(np.mean(at_end))
     if open_share > OPEN_LIMIT:
         raise CalibrationError(
-            f"the DEM has no horizon in {open_share:.0%} of the directions at --at; take one that reaches further"
+            f"the DEM ends before or at the skyline in {open_share:.0%} of the directions at --at; take a larger one"
         )
-    seen_m = np.where(np.isnan(distance[0]), 1e6, distance[0])
+    seen_m = np.where(nowhere, 1e6, distance[0])
     up = -np.degrees(1.0 / seen_m) * np.cos(np.radians(elevation[0])) ** 2
     east = (elevation[1] - elevation[2]) / (2.0 * ASIDE_M)
     north = (elevation[3] - elevation[4]) / (2.0 * ASIDE_M)
     # Where a step aside uncovers another ridge there is no derivative.
     limit = 4.0 * np.abs(up) + np.degrees(1.0 / seen_m)
     by_place = np.stack([np.clip(east, -limit, limit), np.clip(north, -limit, limit), up])
-    return HorizonProfile(elevation[0], seen_m, by_place)
+    return HorizonProfile(elevation[0], seen_m, by_place, at_end)

@@ -35,7 +35,9 @@ def ridges(seed: int) -> HorizonProfile:
         for k in range(1, 60)
     )
     distance = np.full(len(AZIMUTHS_DEG), 3000.0)
-    return HorizonProfile(elevation, distance, np.zeros((3, len(AZIMUTHS_DEG))))
+    return HorizonProfile(
+        elevation, distance, np.zeros((3, len(AZIMUTHS_DEG))), np.zeros(len(AZIMUTHS_DEG), bool)
+    )
 
 
 def frames(profile: HorizonProfile, share: float = 1.0) -> list[SkylineFrame]:
@@ -85,7 +87,7 @@ def test_far_ridges_traced_too_low_do_not_tilt_the_camera(seed: int) -> None:
     distance = np.where(far, 6000.0, 1500.0)
     by_place = np.zeros((3, len(AZIMUTHS_DEG)))
     by_place[2] = -np.degrees(1.0 / distance)
-    profile = HorizonProfile(rugged.elevation_deg, distance, by_place)
+    profile = replace(rugged, distance_m=distance, by_place=by_place)
     rng = np.random.default_rng(seed)
     hazy = []
     for frame in frames(profile):
@@ -96,6 +98,21 @@ def test_far_ridges_traced_too_low_do_not_tilt_the_camera(seed: int) -> None:
         hazy.append(replace(frame, rays=rays / np.linalg.norm(rays, axis=1)[:, None]))
     fit = fit_boresight(hazy, profile, UNKNOWN, 0.5, PlaceSigmas(4.0, 1.5, 1.5))
     assert fit.boresight.tilt_deg == pytest.approx(CAMERA.tilt_deg, abs=0.015)
+
+
+def test_a_skyline_at_which_the_dem_ends_is_left_out() -> None:
+    """Behind the DEM's last cells the terrain rises a degree higher."""
+    known = ridges(1)
+    ends = (AZIMUTHS_DEG > 100.0) & (AZIMUTHS_DEG < 190.0)
+    seen = frames(replace(known, elevation_deg=known.elevation_deg + 1.0 * ends))
+    fit = fit_boresight(seen, replace(known, at_end=ends), UNKNOWN, 0.5, SIGMAS)
+    assert fit.boresight.tilt_deg == pytest.approx(CAMERA.tilt_deg, abs=0.01)
+    assert fit.boresight.roll_deg == pytest.approx(CAMERA.roll_deg, abs=0.02)
+    assert fit.misfit_deg < 0.1
+    with pytest.raises(
+        CalibrationError, match="DEM ends at the skyline that is seen in all but 2 of 16 frames"
+    ):
+        fit_boresight(seen, replace(known, at_end=AZIMUTHS_DEG > 20.0), UNKNOWN, 0.5, SIGMAS)
 
 
 def test_another_place_is_refused() -> None:
