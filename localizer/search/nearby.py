@@ -18,6 +18,7 @@ from localizer.search.noise import FIRST_LENGTH_CELLS, Noise
 from localizer.search.places_around import places_around
 from localizer.search.problem import Problem
 from localizer.search.refine import LIKELY_FROM, Refined, refine
+from localizer.search.residuals import evaluate
 
 Floats = NDArray[np.float64]
 
@@ -56,15 +57,43 @@ class Problems:
     full: Problem
 
 
-def problems_of(terrain: Terrain, observation: Observation, contours: tuple[FrameContour, ...]) -> Problems:
+def problems_of(
+    terrain: Terrain,
+    observation: Observation,
+    contours: tuple[FrameContour, ...],
+    *,
+    believes_rim: bool = False,
+) -> Problems:
     """The observations and priors of one standpoint."""
     columns = sum(len(c.rays) for c in contours)
+
+    def problem(most: int) -> Problem:
+        stride = max(1, columns // most)
+        return Problem(terrain, observation, contours, stride, believes_rim=believes_rim)
+
     return Problems(
-        coarse=Problem(terrain, observation, contours, max(1, columns // COARSE_COLUMNS)),
-        middle=Problem(terrain, observation, contours, max(1, columns // CONTEST_COLUMNS)),
-        fine=Problem(terrain, observation, contours, max(1, columns // FINE_COLUMNS)),
-        full=Problem(terrain, observation, contours),
+        coarse=problem(COARSE_COLUMNS),
+        middle=problem(CONTEST_COLUMNS),
+        fine=problem(FINE_COLUMNS),
+        full=problem(columns),
     )
+
+
+def within_the_dem(problems: Problems, place: Refined) -> Problems:
+    """The same without the columns whose horizon lies, from a place, where the DEM ends; all where no others are left.
+
+    Places close to each other are compared by the same columns: else one would win that has less of its horizon there.
+    """
+    full = problems.full
+    frame = full.terrain.frames.at(place.row, place.col)[0]
+    inside = ~evaluate(full, place.parameters(), (place.row, place.col), frame).rim
+    if not inside.any():
+        return problems
+    contours = []
+    for i, contour in enumerate(full.contours):
+        mine = inside[full.frame_of == i]
+        contours.append(FrameContour(contour.frame, contour.rays[mine], contour.sigma_rad[mine]))
+    return problems_of(full.terrain, full.observation, tuple(contours), believes_rim=True)
 
 
 def best_nearby(problems: Problems, start: Refined, largest: float) -> Refined:
@@ -74,6 +103,7 @@ def best_nearby(problems: Problems, start: Refined, largest: float) -> Refined:
     So the search about it takes several sizes for granted, each of the places found has its own noise estimated, and the
     likeliest under its own counts. Where nothing explains the contours better than chance does, it is not looked for closer.
     """
+    problems = within_the_dem(problems, start)
     found = again(problems.middle, start, largest, settle=True)
     usual = problems.full.terrain.usual_error_m
     length_m = FIRST_LENGTH_CELLS * problems.full.terrain.cell_m

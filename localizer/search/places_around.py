@@ -31,12 +31,7 @@ def places_around(
     """
     terrain = problem.terrain
     frame = terrain.frames.at(np.array([start.row]), np.array([start.col]))[0]
-    x = np.concatenate(
-        [
-            [0.0, 0.0, start.altitude_m, start.azimuth_bias_deg, start.tilt_bias_deg],
-            start.frame_errors_deg.ravel(),
-        ]
-    )
+    x = start.parameters()
     origin = (start.row, start.col)
     ticks = np.arange(-reach_cells, reach_cells + 1e-9, step_cells) * terrain.cell_m
     here = evaluate(problem, x, origin, frame)

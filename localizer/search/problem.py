@@ -20,12 +20,22 @@ BLOCK_RAD = np.radians(6.0)
 
 
 class Problem:
-    """The observations and priors of one standpoint, thinned to every ``stride``-th column."""
+    """The observations and priors of one standpoint, thinned to every ``stride``-th column.
+
+    ``believes_rim``: a horizon that lies where the DEM ends is taken for the true one.
+    """
 
     def __init__(
-        self, terrain: Terrain, observation: Observation, contours: tuple[FrameContour, ...], stride: int = 1
+        self,
+        terrain: Terrain,
+        observation: Observation,
+        contours: tuple[FrameContour, ...],
+        stride: int = 1,
+        *,
+        believes_rim: bool = False,
     ) -> None:
         self.terrain = terrain
+        self.believes_rim = believes_rim or terrain.exact
         self.stride = stride
         self.observation = observation
         self.contours = [

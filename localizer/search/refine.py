@@ -59,7 +59,7 @@ class Refined:
     ``log_volume`` half the logarithm of the determinant of the whole covariance;
     ``evidence`` by how much (in logarithms) the terrain explains the contours better than chance does;
     ``misfit_per_column`` the mean of the columns' negative log-likelihood, which compares fits with different DEM errors;
-    ``residual_px`` per frame label, over the columns that fit.
+    ``residual_px`` per label of a frame with columns that count, over those that fit.
     """
 
     row: float
@@ -81,6 +81,15 @@ class Refined:
     misfit_per_column: float
     evidence: float
     error_model: ErrorModel
+
+    def parameters(self) -> Floats:
+        """The unknowns as ``Problem`` orders them, metres counted from the place itself."""
+        return np.concatenate(
+            [
+                [0.0, 0.0, self.altitude_m, self.azimuth_bias_deg, self.tilt_bias_deg],
+                self.frame_errors_deg.ravel(),
+            ]
+        )
 
 
 def refine(
@@ -187,6 +196,8 @@ def _result(
     residual_px = {}
     for i, contour in enumerate(problem.contours):
         mine = problem.frame_of == i
+        if not mine.any():
+            continue
         fy = contour.frame.camera.fy_px
         kept = mine & inside
         chosen = kept if kept.any() else mine

@@ -101,7 +101,7 @@ def evaluate(
     jacobian[index, FIRST_FRAME + PER_FRAME * frame_of + 1] = by_tilt
     jacobian[index, FIRST_FRAME + PER_FRAME * frame_of + 2] = by_roll
     row_h, col_h = after(frame, row, col, d * np.sin(azimuth), d * np.cos(azimuth))
-    rim = terrain.is_rim(row_h, col_h) & (not terrain.exact)
+    rim = np.zeros(n, bool) if problem.believes_rim else terrain.is_rim(row_h, col_h)
     share = np.sqrt(1.0 + terrain.roughness_at(row_h, col_h) ** 2)
     own = 0.0
     if not terrain.exact:

@@ -24,10 +24,12 @@ from localizer.locate import locate
 from localizer.locate import observe as observation_of
 from localizer.observation import FrameObservation, Observation, PriorCircle
 from localizer.search.contours import frame_contour, measured_skyline
+from localizer.search.nearby import problems_of, within_the_dem
 from localizer.search.noise import Noise, usual_noise
 from localizer.search.places_around import places_around
 from localizer.search.problem import Problem
 from localizer.search.refine import Refined, refine
+from localizer.search.residuals import evaluate
 from localizer.search.stage1 import bands, heading_offsets_deg, search_stage1
 from localizer.track.report import step_text, track_line
 from localizer.track.tracker import Tracker, follow
@@ -311,6 +313,33 @@ def test_a_frame_whose_horizon_lies_where_the_dem_ends_neither_agrees_nor_contra
     assert frame_agreement(terrain, seen, found) > 0.9
     assert frame_agreement(terrain, raised, found) < 0.1
     assert frame_agreement(all_rim, raised, found) is None
+
+
+def test_places_close_to_each_other_are_compared_by_the_same_columns_whose_horizon_the_dem_has(terrain):
+    place, dem = (300.3, 300.2), terrain.dem
+    cut = prepare_terrain(dem_from_array(dem.z_m[: round(place[0]) + 60], dem.transform, dem.crs))
+    observation = observe(terrain, place)
+    problems = problems_of(cut, observation, tuple(frame_contour(f) for f in observation.frames))
+    start = refine(
+        problems.coarse,
+        *place,
+        float(dem.ground_m(*place)) + 2.0,
+        0.7,
+        iterations=4,
+        noise=usual_noise(cut, 3.0),
+        largest_dem_error_m=12.0,
+        settle=True,
+    )
+    within = within_the_dem(problems, start)
+    frame = cut.frames.at(start.row, start.col)[0]
+    at_rim, left = (
+        evaluate(each.full, start.parameters(), (start.row, start.col), frame).rim
+        for each in (problems, within)
+    )
+    assert 0.02 < at_rim.mean() < 0.5
+    assert len(left) == np.count_nonzero(~at_rim)
+    assert not left.any()
+    assert len(within.full.contours) == len(problems.full.contours)
 
 
 @pytest.mark.long
