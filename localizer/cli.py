@@ -11,9 +11,15 @@ from localizer import command_line
 from localizer.bundle import frame_image, load_bundle
 from localizer.command_line import OutputFolder, check_picture_path, writing
 from localizer.completion import completion_command, folders
-from localizer.dem import load_dem
+from localizer.dem import Dem
 from localizer.dem_info import dem_info, info_fields, info_text, suspect_zeros, zeros_note
-from localizer.dem_options import dem_error_option, dem_options
+from localizer.dem_options import (
+    DemChoice,
+    dem_choice,
+    dem_error_option,
+    dem_files_argument,
+    dem_files_option,
+)
 from localizer.predict.command import predict
 from localizer.report import frame_notes, load_truth, report
 
@@ -33,15 +39,7 @@ def localizer() -> None:
 
 @localizer.command()
 @click.argument("bundle_path", metavar="BUNDLE", type=click.Path(path_type=Path), shell_complete=folders)
-@click.option(
-    "--dem",
-    "dem_paths",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
-    required=True,
-    multiple=True,
-    help="Elevation file; repeat it for files that adjoin.",
-)
+@dem_files_option
 @click.option("--json", "as_json", is_flag=True, help="Print the fix as one JSON object (skyfix.fix/1).")
 @click.option(
     "--plot",
@@ -65,19 +63,15 @@ def localizer() -> None:
     type=click.Path(path_type=Path),
     help="JSON file with the true place, to compare with; the search does not see it.",
 )
-@dem_options
 @dem_error_option
+@dem_choice
 def locate(
     bundle_path: Path,
-    dem_paths: tuple[Path, ...],
+    chosen_dem: DemChoice,
     as_json: bool,
     plot_path: Path | None,
     report_folder: Path | None,
     truth_path: Path | None,
-    vertical_unit: str | None,
-    crs: str | None,
-    nodata: float | None,
-    dem_error_m: float | None,
 ) -> int:
     """Find the place in the DEM from which the frames of BUNDLE were taken.
 
@@ -90,10 +84,7 @@ def locate(
         check_picture_path("--plot", plot_path)
     truth = load_truth(truth_path) if truth_path is not None else None
     bundle = load_bundle(bundle_path)
-    dem = load_dem(dem_paths, vertical_unit=vertical_unit, crs=crs, nodata=nodata, error_m=dem_error_m)
-    zeros = suspect_zeros(dem.z_m)
-    if zeros:
-        click.echo(f"localizer: {zeros_note(zeros)}", err=True)
+    dem = _load(chosen_dem)
 
     if report_folder is not None:
         from localizer.export.folder import prepare_folder
@@ -129,15 +120,7 @@ def locate(
     type=click.Path(path_type=Path),
     shell_complete=folders,
 )
-@click.option(
-    "--dem",
-    "dem_paths",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
-    required=True,
-    multiple=True,
-    help="Elevation file; repeat it for files that adjoin.",
-)
+@dem_files_option
 @click.option(
     "--odometry",
     "odometry_path",
@@ -161,19 +144,15 @@ def locate(
     multiple=True,
     help="JSON file with a true place, once for each bundle, to compare with; the search does not see it.",
 )
-@dem_options
 @dem_error_option
+@dem_choice
 def track(
     bundle_paths: tuple[Path, ...],
-    dem_paths: tuple[Path, ...],
+    chosen_dem: DemChoice,
     odometry_path: Path | None,
     as_json: bool,
     plot_path: Path | None,
     truth_paths: tuple[Path, ...],
-    vertical_unit: str | None,
-    crs: str | None,
-    nodata: float | None,
-    dem_error_m: float | None,
 ) -> int:
     """Follow a vehicle through bundles in the order given, and keep every place that is possible until one remains.
 
@@ -198,11 +177,17 @@ def track(
 
     from localizer.track.command import run_track
 
-    dem = load_dem(dem_paths, vertical_unit=vertical_unit, crs=crs, nodata=nodata, error_m=dem_error_m)
+    dem = _load(chosen_dem)
+    return run_track(bundle_paths, dem, odometry_path, as_json, plot_path, truths)
+
+
+def _load(chosen_dem: DemChoice) -> Dem:
+    """The DEM to search in, with a note on what may be voids."""
+    dem = chosen_dem.load()
     zeros = suspect_zeros(dem.z_m)
     if zeros:
         click.echo(f"localizer: {zeros_note(zeros)}", err=True)
-    return run_track(bundle_paths, dem, odometry_path, as_json, plot_path, truths)
+    return dem
 
 
 localizer.add_command(predict)
@@ -218,21 +203,18 @@ def dem() -> None:
 
 
 @dem.command()
-@click.argument("paths", metavar="FILE...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@dem_files_argument
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 @click.option(
     "--date",
     type=click.DateTime(["%Y-%m-%d"]),
     help="Date of the magnetic declination; today unless given.",
 )
-@dem_options
+@dem_choice
 def info(
-    paths: tuple[Path, ...],
+    chosen_dem: DemChoice,
     as_json: bool,
     date: datetime.datetime | None,
-    vertical_unit: str | None,
-    crs: str | None,
-    nodata: float | None,
 ) -> None:
     """Say what is in an elevation model: grid, CRS, extent, elevations, voids, units and norths.
 
@@ -240,6 +222,6 @@ def info(
 
     Example: localizer dem info N44W072.hgt N44W073.hgt
     """
-    model = load_dem(paths, vertical_unit=vertical_unit, crs=crs, nodata=nodata)
+    model = chosen_dem.load()
     facts = dem_info(model, date.date() if date else datetime.datetime.now(datetime.UTC).date())
     click.echo(json.dumps(info_fields(model, facts)) if as_json else info_text(model, facts))

@@ -1,27 +1,84 @@
 """The options of every command that reads elevation files."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import wraps
+from pathlib import Path
 
 import click
 
 from localizer.command_line import FiniteRange
+from localizer.dem import Dem, load_dem
 from localizer.dem_file import VERTICAL_UNITS
 
 LARGEST_ERROR_M = 1000.0
 
+Command = Callable[..., object]
+
+
+@dataclass(frozen=True)
+class DemChoice:
+    """Elevation files, and what a person says of them that they may not say themselves."""
+
+    paths: tuple[Path, ...]
+    vertical_unit: str | None = None
+    crs: str | None = None
+    nodata: float | None = None
+    error_m: float | None = None
+
+    def load(self) -> Dem:
+        """Read them. Raises ``DemError``."""
+        return load_dem(
+            self.paths,
+            vertical_unit=self.vertical_unit,
+            crs=self.crs,
+            nodata=self.nodata,
+            error_m=self.error_m,
+        )
+
+
+dem_files_option = click.option(
+    "--dem",
+    "dem_paths",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    required=True,
+    multiple=True,
+    help="Elevation file; repeat it for files that adjoin.",
+)
+dem_files_argument = click.argument(
+    "dem_paths", metavar="FILE...", nargs=-1, required=True, type=click.Path(path_type=Path)
+)
 dem_error_option = click.option(
     "--dem-error",
     "dem_error_m",
     metavar="M",
     type=FiniteRange(0.0, LARGEST_ERROR_M),
     help="One standard deviation of the elevations, metres, where it is known; the search sets out from it. 0 takes them for "
-    "the ground itself down to the stone, which only a simulation is.",
+    "the ground itself, as only those of a simulation are.",
 )
 """For commands that search."""
 
 
-def dem_options(command: Callable[..., object]) -> Callable[..., object]:
-    """What a person may have to say about elevation files that do not say it themselves."""
+def dem_choice(command: Command) -> Command:
+    """Passes on ``chosen_dem``, a ``DemChoice``; goes beneath the options of the files and of the error, where there is one."""
+
+    @wraps(command)
+    def with_choice(
+        *,
+        dem_paths: tuple[Path, ...],
+        vertical_unit: str | None,
+        crs: str | None,
+        nodata: float | None,
+        dem_error_m: float | None = None,
+        **others: object,
+    ) -> object:
+        return command(
+            chosen_dem=DemChoice(dem_paths, vertical_unit, crs, nodata, dem_error_m),
+            **others,
+        )
+
+    decorated: Command = with_choice
     for option in (
         click.option(
             "--nodata", type=float, metavar="VALUE", help="A further value that means void, as --nodata 0."
@@ -33,5 +90,5 @@ def dem_options(command: Callable[..., object]) -> Callable[..., object]:
             "--vertical-unit", type=click.Choice(list(VERTICAL_UNITS)), help="The unit of the elevations."
         ),
     ):
-        command = option(command)
-    return command
+        decorated = option(decorated)
+    return decorated

@@ -7,8 +7,7 @@ from pathlib import Path
 import click
 
 from localizer.command_line import FiniteRange, check_picture_path, writing
-from localizer.dem import load_dem
-from localizer.dem_options import dem_options
+from localizer.dem_options import DemChoice, dem_choice, dem_files_option
 from localizer.errors import SkyfixError
 
 MAIN_DIRECTIONS_DEG = (0.0, 90.0, 180.0, 270.0)
@@ -32,15 +31,7 @@ def parse_place(text: str) -> tuple[float, float]:
 
 
 @click.command()
-@click.option(
-    "--dem",
-    "dem_paths",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
-    required=True,
-    multiple=True,
-    help="Elevation file; repeat it for files that adjoin.",
-)
+@dem_files_option
 @click.option("--at", "place_text", metavar="LAT,LON", required=True, help="The place, WGS84 degrees.")
 @click.option(
     "--azimuth",
@@ -82,9 +73,9 @@ def parse_place(text: str) -> tuple[float, float]:
     help="Draw it (.png, .svg, .pdf).",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object (skyfix.predict/1).")
-@dem_options
+@dem_choice
 def predict(
-    dem_paths: tuple[Path, ...],
+    chosen_dem: DemChoice,
     place_text: str,
     azimuths_deg: tuple[float, ...],
     mast_height_m: float,
@@ -92,9 +83,6 @@ def predict(
     camera_path: Path | None,
     picture_path: Path | None,
     as_json: bool,
-    vertical_unit: str | None,
-    crs: str | None,
-    nodata: float | None,
 ) -> None:
     """Say what skyline a camera would see from a place, and how far away it is.
 
@@ -115,7 +103,7 @@ def predict(
     if camera_path is not None and width_deg is not None:
         raise SkyfixError("--fov-deg: the camera has a width of its own; give one of --camera and --fov-deg")
     camera = lens.load_camera(camera_path) if camera_path is not None else None
-    dem = load_dem(dem_paths, vertical_unit=vertical_unit, crs=crs, nodata=nodata)
+    dem = chosen_dem.load()
     place = standpoint(dem, lat_deg, lon_deg, mast_height_m)
 
     from localizer.horizon.from_terrain import prepare_terrain
