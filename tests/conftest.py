@@ -9,6 +9,9 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
+# Two workers share the processors; linear algebra on threads of its own would make each wait for the other. Before numpy loads.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 # How long one example takes says more about the machine's other work than about the code.
 settings.register_profile("unhurried", deadline=None)
 # What decides whether a change lands gives the same answer twice; everywhere else new examples are tried each time.
