@@ -2,7 +2,6 @@
 
 import errno
 import math
-import os
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -63,15 +62,12 @@ class OutputFolder(click.Path):
     """Where files are put. An empty name, as an unset variable of a script leaves it, would be the current folder."""
 
     def __init__(self) -> None:
-        super().__init__(path_type=Path)
+        super().__init__(path_type=Path, file_okay=False)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         if value == "":
             self.fail("the name of the folder is empty; for the current one say a dot.", param, ctx)
-        folder = Path(os.fsdecode(super().convert(value, param, ctx)))
-        if folder.is_file():
-            self.fail(f"{folder}: is a file; name a folder", param, ctx)
-        return folder
+        return super().convert(value, param, ctx)
 
 
 def prepare_folder(option: str, folder: Path) -> None:

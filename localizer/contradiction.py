@@ -13,8 +13,7 @@ import numpy as np
 
 from localizer.answer import Located
 from localizer.details import CONTRADICTS
-from localizer.geodesy import after
-from localizer.horizon.from_terrain import Terrain, horizon
+from localizer.horizon.from_terrain import Terrain, at_rim, horizon
 from localizer.observation import FrameObservation, Observation
 from localizer.search.contours import frame_contour
 from localizer.search.decide import CERTAIN_EVIDENCE
@@ -32,7 +31,7 @@ SIGMAS = 3.0
 LEAST_DEM_ERROR = 0.3
 """Of what is usual for a DEM of its kind, however well the others fit."""
 FAR_COLUMNS = 20
-"""A frame with fewer columns that show terrain farther than two cells away is not judged."""
+"""A frame with fewer columns whose horizon a DEM can tell, neither close by nor where it ends, is not judged."""
 SAME_PLACE_CELLS = 5.0
 
 
@@ -95,8 +94,9 @@ def _convinces(answer: Located, shares: Mapping[str, float], left_out: str, trie
 def _agreements(terrain: Terrain, observation: Observation, answer: Located) -> dict[str, float]:
     if answer.best is None:
         return {}
+    doubted = terrain.doubted()  # whatever is said of the DEM: no frame goes because a stone stands before it
     shares = {
-        frame.label: frame_agreement(terrain, frame, answer.best)
+        frame.label: frame_agreement(doubted, frame, answer.best)
         for frame in observation.frames
         if len(frame.u_px) > 1
     }
@@ -119,11 +119,9 @@ def frame_agreement(terrain: Terrain, frame: FrameObservation, place: Refined) -
         horizon(terrain, place.row, place.col, place.altitude_m, azimuth_deg + side)[0][0]
         for side in (-aside, aside)
     ]
-    reach_m = np.nan_to_num(distance_m[0])
-    east_m, north_m = reach_m * np.sin(azimuth_rad), reach_m * np.cos(azimuth_rad)
-    row, col = after(terrain.frames.at(place.row, place.col)[0], place.row, place.col, east_m, north_m)
-    nowhere = np.isnan(distance_m[0])  # a ray that meets nothing counts: as a contradiction
-    far = nowhere | ((reach_m >= terrain.near_m) & ~terrain.is_rim(row, col))
+    far = (distance_m[0] >= terrain.near_m) & ~at_rim(
+        terrain, place.row, place.col, azimuth_rad, distance_m[0]
+    )
     if np.count_nonzero(far) < FAR_COLUMNS:
         return None
     by_azimuth = np.radians(np.maximum(abs(beside[0] - seen[0]), abs(beside[1] - seen[0])))

@@ -1,4 +1,4 @@
-"""The options of every command that reads elevation files."""
+"""The options of the localizer's commands that read elevation files."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

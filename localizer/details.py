@@ -33,6 +33,8 @@ class FrameDetail:
     """Share of the columns used that fit the place found, by what the sensors say; None where there is no telling."""
     left_out: bool = False
     """Whether the search did without this frame, because it contradicts the others."""
+    rim_share: float = 0.0
+    """Of the horizon as seen from the fix, the share that lies where the DEM ends and tells nothing."""
 
 
 @dataclass(frozen=True)

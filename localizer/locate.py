@@ -16,7 +16,7 @@ from localizer.dem import Dem
 from localizer.details import FrameDetail, LocateDetails, LocateResult, SolvedErrors
 from localizer.geodesy import lonlat_to_rowcol
 from localizer.horizon.from_image import CONFIDENT, ColumnState, Skyline, find_skyline
-from localizer.horizon.from_terrain import Terrain, horizon, horizon_around, prepare_terrain
+from localizer.horizon.from_terrain import Terrain, at_rim, horizon, horizon_around, prepare_terrain
 from localizer.observation import FrameObservation, Observation, PriorCircle
 from localizer.search.contest import contest, sharpened, starts
 from localizer.search.contours import BINS, FrameContour, MeasuredSkyline, frame_contour, measured_skyline
@@ -240,6 +240,7 @@ def _details(
     for frame, skyline in zip(observation.frames, skylines, strict=True):
         found = np.isfinite(skyline.row_px)
         u = v = np.zeros(0)
+        rim_share = 0.0
         left_out = frame.label == settled.left_out
         solved = best is not None and len(frame.u_px) > 1 and not left_out
         own = next(errors) if solved else np.zeros(3)
@@ -251,10 +252,15 @@ def _details(
             )
             half_view = np.degrees(np.arctan(bundle.camera.width_px / bundle.camera.fx_px)) + 5.0
             azimuth = attitude[0] + np.arange(-half_view, half_view, 0.05)
-            elevation, _ = horizon(terrain, best.row, best.col, best.altitude_m, azimuth)
+            elevation, distance_m = horizon(terrain, best.row, best.col, best.altitude_m, azimuth)
             u, v = project(bundle.camera, camera_to_world(*attitude), azimuth, elevation[0])
             inside = (u >= -1.0) & (u <= bundle.camera.width_px)
             u, v = u[inside], v[inside]
+            if inside.any() and not terrain.exact:
+                seen_m = distance_m[0][inside]
+                rim_share = float(
+                    at_rim(terrain, best.row, best.col, np.radians(azimuth[inside]), seen_m).mean()
+                )
         frames.append(
             FrameDetail(
                 label=frame.label,
@@ -266,6 +272,7 @@ def _details(
                 errors_deg=(float(own[0]), float(own[1]), float(own[2])) if solved else None,
                 agreement=settled.agreement.get(frame.label),
                 left_out=left_out,
+                rim_share=rim_share,
             )
         )
     # the best one has been refined once more, with all columns

@@ -21,6 +21,7 @@ CHI2_95 = 5.991
 
 FARTHEST_M = 1e8
 """Beyond any coordinate of a map."""
+MUCH_AT_RIM = 0.2
 
 Covariance = tuple[tuple[float, float], tuple[float, float]]
 
@@ -131,6 +132,11 @@ def frame_notes(details: LocateDetails) -> list[str]:
             )
         elif frame.agreement is not None and frame.agreement < CONTRADICTS:
             notes.append(f"frame {frame.label}: only {share} of its skyline fits the place found")
+        if frame.rim_share > MUCH_AT_RIM:
+            notes.append(
+                f"frame {frame.label}: {frame.rim_share:.0%} of its horizon lies where the DEM ends, and tells nothing; "
+                "a larger DEM would help"
+            )
     return notes
 
 

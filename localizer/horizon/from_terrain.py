@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from localizer.dem import Dem
-from localizer.geodesy import LatticeFrames, lattice_frames
+from localizer.geodesy import LatticeFrames, after, lattice_frames
 from localizer.jit import kernel
 
 EARTH_RADIUS_M = 6371008.8
@@ -33,8 +33,12 @@ NEAR_CELLS = 2.0
 RIM_CELLS = 3
 """Terrain so close to where the DEM ends, or to a void in it, is no skyline to rely on: what lies beyond may be higher, and
 cells at a rim are often made up."""
-SMALLEST_ERROR_M = 0.02
-"""Of a DEM; what is meant to be without any has that of numbers and interpolation."""
+SMALLEST_ERROR_M = 0.1
+"""No DEM of a real place is better."""
+EXACT_ERROR_M = 0.02
+"""Of a DEM that is the terrain itself: that of its numbers and of what lies between them."""
+LARGEST_ERROR = 4.0
+"""A DEM's error is at most so many times what is usual for one of its kind."""
 
 Floats = NDArray[np.float64]
 Heights = NDArray[np.float32]
@@ -74,8 +78,20 @@ class Terrain:
 
         What is said of it, else more in wide and in rough cells.
         """
+        if self.exact:
+            return EXACT_ERROR_M
         if self.dem.error_m is not None:
             return max(self.dem.error_m, SMALLEST_ERROR_M)
+        return self._error_of_its_kind_m
+
+    @property
+    def largest_error_m(self) -> float:
+        """More is not believed of any place. Whoever says too little of a DEM's error does not lose all places by that."""
+        told_m = LARGEST_ERROR * self.usual_error_m
+        return told_m if self.exact else max(told_m, self._error_of_its_kind_m)
+
+    @property
+    def _error_of_its_kind_m(self) -> float:
         return max(3.0, 0.05 * self.cell_m, 0.5 * self.mean_bend_m)
 
     @property
@@ -132,6 +148,16 @@ def prepare_terrain(dem: Dem, refraction: float = REFRACTION) -> Terrain:
         roughness=np.minimum(bend_m / max(mean_bend_m, 1e-3), LARGEST_ROUGHNESS),
         mean_bend_m=mean_bend_m,
     )
+
+
+def at_rim(
+    terrain: Terrain, row: float, col: float, azimuth_rad: Floats, distance_m: Floats
+) -> NDArray[np.bool_]:
+    """Whether the horizon (n,) that is seen so far from a place lies on the DEM's rim, or (NaN) beyond it."""
+    reach_m = np.nan_to_num(distance_m)
+    frame = terrain.frames.at(row, col)[0]
+    there = after(frame, row, col, reach_m * np.sin(azimuth_rad), reach_m * np.cos(azimuth_rad))
+    return np.asarray(np.isnan(distance_m) | terrain.is_rim(*there))
 
 
 def half_cell_relief_m(height_m: Heights) -> Heights:

@@ -9,14 +9,12 @@ from scipy.signal import find_peaks
 from localizer.dem import Dem
 from localizer.errors import SkyfixError
 from localizer.geodesy import after, lonlat_to_rowcol, rowcol_to_lonlat
-from localizer.horizon.from_terrain import Terrain, horizon
+from localizer.horizon.from_terrain import NEAR_CELLS, Terrain, at_rim, horizon
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 STEP_DEG = 0.05
-NEAR_CELLS = 2.0
-"""Nearer than this, a skyline is made of less than the elevation model resolves."""
 MARCH_STEPS = 512
 LEAST_PROMINENCE_DEG = 0.2
 MOST_SUMMITS = 8
@@ -64,7 +62,7 @@ class View:
     at_edge: Flags
     """The skyline lies where the terrain ends (the DEM's edge or a void), or there is none at all: no search believes in it."""
     too_near: Flags
-    """Nearer than NEAR_CELLS cells."""
+    """Nearer than NEAR_CELLS cells, so made of less than the elevation model resolves."""
     may_be_overtopped: Flags
     """Land beyond the DEM's edge, no higher than the DEM's highest, would stand above the skyline."""
     summits: tuple[Summit, ...]
@@ -107,13 +105,11 @@ def view(terrain: Terrain, place: Standpoint, azimuth_deg: float, width_deg: flo
     azimuths_deg = azimuth_deg + offset_deg
     elevation, distance = horizon(terrain, place.row, place.col, place.altitude_m, azimuths_deg)
     elevation_deg, distance_m = elevation[0], distance[0]
-    nowhere = np.isnan(distance_m)
     end_m = _end_of_terrain_m(terrain, place, azimuths_deg)
     hidden_up_to_m = (
         place.altitude_m + np.tan(np.radians(elevation_deg)) * end_m + terrain.drop_per_m2 * end_m**2
     )
-    seen_at = along(terrain, place, azimuths_deg, np.where(nowhere, 0.0, distance_m))
-    at_edge = nowhere | terrain.is_rim(*seen_at)
+    at_edge = at_rim(terrain, place.row, place.col, np.radians(azimuths_deg), distance_m)
     return View(
         azimuth_deg=azimuth_deg,
         width_deg=width_deg,

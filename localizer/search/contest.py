@@ -13,6 +13,7 @@ from localizer.search.contours import FrameContour
 from localizer.search.decide import Decision, decide, explains
 from localizer.search.nearby import (
     HOPELESS_EVIDENCE,
+    SAME_PLACE_CELLS,
     again,
     best_nearby,
     distinct,
@@ -23,21 +24,18 @@ from localizer.search.noise import Noise, usual_noise
 from localizer.search.refine import Refined, refine
 from localizer.search.stage2 import Scored, apart
 
-LARGEST_DEM_ERROR = 4.0
-"""A DEM's error is at most so many times what is usual for one of its kind."""
 STARTS = 12
 START_RADIUS_CELLS = 1.5
 CONTENDERS = 5
 CONTEST_MARGIN = 0.5
 """A start whose columns are less likely than the best one's by this much each (in logarithms) is no contender."""
-SAME_PLACE_CELLS = 2.0
 
 
 def contest(
     terrain: Terrain, observation: Observation, contours: tuple[FrameContour, ...], scored: Scored
 ) -> tuple[Decision, Refined | None]:
     """Refine the best cells, coarsely all, then the contenders under one error model, then the winner with all columns."""
-    largest = LARGEST_DEM_ERROR * terrain.usual_error_m
+    largest = terrain.largest_error_m
     problems = problems_of(terrain, observation, contours)
     refined = []
     for i in starts(scored):
@@ -88,9 +86,10 @@ def sharpened(
 
     What is close by shows the last metres of the way, and misleads whoever is farther off.
     """
-    largest = LARGEST_DEM_ERROR * terrain.usual_error_m
+    largest = terrain.largest_error_m
     there = best_nearby(problems_of(terrain, observation, contours), best, largest)
-    return there if explains(there, largest, _priors(contours)) else best
+    stays = np.hypot(there.row - best.row, there.col - best.col) <= SAME_PLACE_CELLS
+    return there if stays and explains(there, largest, _priors(contours)) else best
 
 
 def _priors(contours: tuple[FrameContour, ...]) -> int:

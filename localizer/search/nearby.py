@@ -42,6 +42,11 @@ CLEAN_INLIERS = 0.98
 """Share of columns that fit, from which there is no stretch that could bend the fit."""
 STRICT_SHARE, STRICT_FINALISTS = 0.3, 2
 """Factor on the DEM's error that tells stray columns in a last attempt: a stretch that bent the fit may let go of it."""
+LIKELY_PEAK = 0.05
+"""Share of the best peak's likelihood."""
+LEAST_COLUMNS = 30
+"""Fewer cannot tell a place."""
+SAME_PLACE_CELLS = 2.0
 BLUNTING_PER_M = 10.0
 """By how much the log-likelihood of peaks close to each other is divided for each metre of the DEM's error: the error model is
 only about right, and what a horizon does where one ridge hides another depends on details that it does not have."""
@@ -57,43 +62,45 @@ class Problems:
     full: Problem
 
 
-def problems_of(
-    terrain: Terrain,
-    observation: Observation,
-    contours: tuple[FrameContour, ...],
-    *,
-    believes_rim: bool = False,
-) -> Problems:
+def problems_of(terrain: Terrain, observation: Observation, contours: tuple[FrameContour, ...]) -> Problems:
     """The observations and priors of one standpoint."""
     columns = sum(len(c.rays) for c in contours)
-
-    def problem(most: int) -> Problem:
-        stride = max(1, columns // most)
-        return Problem(terrain, observation, contours, stride, believes_rim=believes_rim)
-
     return Problems(
-        coarse=problem(COARSE_COLUMNS),
-        middle=problem(CONTEST_COLUMNS),
-        fine=problem(FINE_COLUMNS),
-        full=problem(columns),
+        coarse=Problem(terrain, observation, contours, max(1, columns // COARSE_COLUMNS)),
+        middle=Problem(terrain, observation, contours, max(1, columns // CONTEST_COLUMNS)),
+        fine=Problem(terrain, observation, contours, max(1, columns // FINE_COLUMNS)),
+        full=Problem(terrain, observation, contours),
     )
 
 
 def within_the_dem(problems: Problems, place: Refined) -> Problems:
-    """The same without the columns whose horizon lies, from a place, where the DEM ends; all where no others are left.
+    """The same without the columns whose horizon lies, from a place, where the DEM ends; as they are where too few are left.
 
-    Places close to each other are compared by the same columns: else one would win that has less of its horizon there.
+    Places close to each other are compared by the same columns: else one would win that has less of its horizon there. What
+    is left of a stretch of the horizon speaks for no more than it did.
     """
     full = problems.full
     frame = full.terrain.frames.at(place.row, place.col)[0]
     inside = ~evaluate(full, place.parameters(), (place.row, place.col), frame).rim
-    if not inside.any():
+    if np.count_nonzero(inside) < LEAST_COLUMNS:
         return problems
     contours = []
     for i, contour in enumerate(full.contours):
         mine = inside[full.frame_of == i]
         contours.append(FrameContour(contour.frame, contour.rays[mine], contour.sigma_rad[mine]))
-    return problems_of(full.terrain, full.observation, tuple(contours), believes_rim=True)
+
+    def thinned(most: int) -> Problem:
+        stride = max(1, int(np.count_nonzero(inside)) // most)
+        return Problem(
+            full.terrain,
+            full.observation,
+            tuple(contours),
+            stride,
+            believes_rim=True,
+            block_columns=-(-full.block_columns // stride),
+        )
+
+    return Problems(*(thinned(most) for most in (COARSE_COLUMNS, CONTEST_COLUMNS, FINE_COLUMNS, len(inside))))
 
 
 def best_nearby(problems: Problems, start: Refined, largest: float) -> Refined:
@@ -132,7 +139,7 @@ def best_nearby(problems: Problems, start: Refined, largest: float) -> Refined:
 
 def likeliest_nearby(problems: Problems, found: Refined, noise: Noise, largest: float) -> Refined:
     """The best fit with held noise that starts from one of the likeliest places around another."""
-    around = _looked_about(problems, found, [noise], largest, settle=False)
+    around = _looked_about(within_the_dem(problems, found), found, [noise], largest, settle=False)
     return min(around or [found], key=lambda r: r.fit_cost)
 
 
@@ -212,7 +219,7 @@ def _weighed(best: Refined, finals: list[Refined], others: list[Refined], terrai
     """The best fit, moved to the mean of all finals by their likelihoods, its covariance widened by how far the fits lie apart.
 
     ``best`` has all columns, ``finals``, the best of them first, fewer; ``others``, of fewer still, only widen it. Whichever
-    peak explains the contours best, by so much the place does.
+    of the likely peaks explains the contours best, by so much the place does.
     """
     dem, blunting = terrain.dem, 1.0 + BLUNTING_PER_M * best.error_model.smooth_m
 
@@ -223,6 +230,8 @@ def _weighed(best: Refined, finals: list[Refined], others: list[Refined], terrai
     weight = likelihood(finals)
     place = np.array([[r.row, r.col] for r in finals])
     mean = weight @ place / weight.sum()
+    near = np.hypot(*(place - [best.row, best.col]).T) <= SAME_PLACE_CELLS
+    likely = [fit for fit, counts in zip(finals, near & (weight >= LIKELY_PEAK), strict=True) if counts]
     share = np.concatenate([weight, likelihood(others)])
     share /= share.sum()
     off = np.vstack([place, *([[r.row, r.col]] for r in others)]) - mean
@@ -233,5 +242,5 @@ def _weighed(best: Refined, finals: list[Refined], others: list[Refined], terrai
         row=float(row),
         col=float(col),
         covariance_enu_m2=best.covariance_enu_m2 + (share[:, None] * off_m).T @ off_m,
-        evidence=max(fit.evidence for fit in [best, *finals]),
+        evidence=max(fit.evidence for fit in [best, *likely]),
     )

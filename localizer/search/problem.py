@@ -22,7 +22,8 @@ BLOCK_RAD = np.radians(6.0)
 class Problem:
     """The observations and priors of one standpoint, thinned to every ``stride``-th column.
 
-    ``believes_rim``: a horizon that lies where the DEM ends is taken for the true one.
+    ``believes_rim``: a horizon that lies where the DEM ends is taken for the true one. ``block_columns``: how many columns a
+    whole stretch of BLOCK_RAD has; by the fullest one where it is not said.
     """
 
     def __init__(
@@ -33,6 +34,7 @@ class Problem:
         stride: int = 1,
         *,
         believes_rim: bool = False,
+        block_columns: int | None = None,
     ) -> None:
         self.terrain = terrain
         self.believes_rim = believes_rim or terrain.exact
@@ -46,7 +48,7 @@ class Problem:
         self.sigma_rad = np.concatenate([c.sigma_rad for c in self.contours])
         self.order, self.step_rad = self._along_the_horizon()
         self.blocks = self._blocks()
-        self.block_columns = max(len(block) for block in self.blocks)
+        self.block_columns = block_columns or max(len(block) for block in self.blocks)
         self.size = FIRST_FRAME + PER_FRAME * len(contours)
         prior = np.full(self.size, np.inf)
         prior[AZIMUTH_BIAS] = observation.azimuth_bias_sigma_deg

@@ -26,8 +26,8 @@ from localizer.horizon.from_image import find_skyline
 from localizer.horizon.from_terrain import Terrain
 from localizer.locate import locate, observe
 from localizer.observation import Observation, PriorCircle
-from localizer.search.contest import SAME_PLACE_CELLS
 from localizer.search.decide import CERTAIN, CERTAIN_EVIDENCE, NEGLIGIBLE, WIDEST_FIX_CELLS, Decision
+from localizer.search.nearby import SAME_PLACE_CELLS
 from localizer.search.refine import Refined
 from localizer.track.mixture import (
     Hypothesis,

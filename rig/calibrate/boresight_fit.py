@@ -189,11 +189,11 @@ def _where_the_dem_knows(
         known = ~profile.ends(azimuth)
         share = frame.share * float(known.mean()) if len(known) else 0.0
         kept.append(replace(frame, rays=frame.rays[known], sigma_deg=frame.sigma_deg[known], share=share))
-    seeing = sum(frame.share >= LEAST_SHARE for frame in kept)
-    if seeing < LEAST_FRAMES:
+    clear = sum(frame.share >= LEAST_SHARE for frame in frames)
+    left = sum(frame.share >= LEAST_SHARE for frame in kept)
+    if left < LEAST_FRAMES:
         raise CalibrationError(
-            f"boresight: the DEM ends at the skyline that is seen in all but {seeing} of {len(kept)} frames; take one that "
-            "reaches further"
+            f"boresight: in {clear - left} of the {clear} frames that show a skyline it is where the DEM ends; take a larger"
         )
     return kept
 

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
-from localizer.geodesy import after, enu_to_metric_jacobian, metric_to_rowcol, rowcol_to_metric
-from localizer.horizon.from_terrain import horizon, prepare_terrain
+from localizer.geodesy import enu_to_metric_jacobian, metric_to_rowcol, rowcol_to_metric
+from localizer.horizon.from_terrain import at_rim, horizon, prepare_terrain
 from rig.calibrate.place import KnownPlace
 from rig.calibration import CalibrationError
 
@@ -75,10 +75,7 @@ def horizon_profile(place: KnownPlace, altitude_m: float) -> HorizonProfile:
     rows, cols = metric_to_rowcol(place.dem, float(x) + aside[:, 0], float(y) + aside[:, 1])
     elevation, distance = horizon(terrain, rows, cols, np.full(len(rows), altitude_m), azimuths_deg)
     nowhere = np.isnan(distance[0])
-    reach_m, azimuths = np.where(nowhere, 0.0, distance[0]), np.radians(azimuths_deg)
-    frame = terrain.frames.at(place.row, place.col)[0]
-    ridge = after(frame, place.row, place.col, reach_m * np.sin(azimuths), reach_m * np.cos(azimuths))
-    at_end = nowhere | terrain.is_rim(*ridge)
+    at_end = at_rim(terrain, place.row, place.col, np.radians(azimuths_deg), distance[0])
     open_share = float(np.mean(at_end))
     if open_share > OPEN_LIMIT:
         raise CalibrationError(

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -44,9 +45,7 @@ def trigger(config_file: Path | None, as_json: bool) -> int:
 
     Example: rig trigger --config vehicle.toml
     """
-    from rig.daemon.control import ask
-
-    answer = ask(_control(config_file), "trigger")
+    answer = _answer(config_file, "trigger")
     click.echo(json.dumps(answer) if as_json else answer["answer"])
     return EXIT_STATUS[answer["answer"]]
 
@@ -59,14 +58,15 @@ def status(config_file: Path | None, as_json: bool) -> None:
 
     Example: rig status --config vehicle.toml
     """
-    from rig.daemon.control import ask
     from rig.daemon.status import status_text
 
-    answer = ask(_control(config_file), "status")
+    answer = _answer(config_file, "status")
     click.echo(json.dumps(answer) if as_json else status_text(answer))
 
 
-def _control(config_file: Path | None) -> Path:
+def _answer(config_file: Path | None, wish: str) -> dict[str, Any]:
+    """Of the daemon with this configuration; of one, too, that goes on with what it has read before this became bad."""
+    from rig.daemon.control import ControlError, ask
     from rig.daemon.main_loop import run_of
 
     path = config_path(config_file)
@@ -74,9 +74,13 @@ def _control(config_file: Path | None) -> Path:
         run = run_of(load_config(path), path)
     except (ConfigError, CalibrationError) as error:
         control = control_in_bad(path)
-        if control is None or not control.exists():
+        try:
+            answer = ask(control, wish) if control else None
+        except ControlError:
+            answer = None
+        if answer is None:
             raise
-        click.echo(f"rig: {error}; the daemon is asked, which goes on with what it has read before", err=True)
-        return control
+        click.echo(f"rig: {error}; the daemon goes on with what it has read before, and answers", err=True)
+        return answer
     assert run.control  # filled in when the file was read
-    return run.control
+    return ask(run.control, wish)

@@ -158,7 +158,17 @@ def control_in_bad(path: Path) -> Path | None:
     try:
         with path.open("rb") as file:
             named = tomllib.load(file)["run"]
-        told = {key: named[key] for key in ("control", "spool") if key in named}
+        told = {"control": named["control"]} if "control" in named else {}
+        if "dir" in named.get("spool", {}):
+            told["spool"] = {"dir": named["spool"]["dir"]}
         return RunSection.model_validate({"dem": ["any"], **told}).beside(path.parent).control
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, KeyError, TypeError, ValidationError):
+    except (
+        OSError,
+        UnicodeDecodeError,
+        tomllib.TOMLDecodeError,
+        KeyError,
+        TypeError,
+        AttributeError,
+        ValidationError,
+    ):
         return None

@@ -17,6 +17,7 @@ from fakes import located
 
 from rig.cli import rig
 from rig.daemon.board import Board
+from rig.daemon.config import control_in_bad
 from rig.daemon.control import ControlError, ControlSocket, ask
 from rig.daemon.log import logging_to
 from rig.daemon.status import status_json, status_text
@@ -167,14 +168,32 @@ class TestControl:
         assert "pan_tlit" in told.stderr
         assert told.stderr.count("\n") == 1
 
-    @pytest.mark.parametrize("text", ["[pan_tlit]\n", "not = [TOML", '[run]\ncontrol = 5\ndem = ["a.tif"]\n'])
-    def test_where_it_names_no_daemon_the_configuration_is_what_is_wrong(
-        self, tmp_path: Path, text: str
-    ) -> None:
+    def test_the_socket_is_found_whatever_else_is_bad(self, tmp_path: Path) -> None:
         config = tmp_path / "vehicle.toml"
-        config.write_text(text)
+        for text, control in {
+            "[run]\n": "spool/control.sock",
+            '[run]\ncontrol = "c.sock"\n[run.spool]\nquota_mb = 5\n': "c.sock",
+            '[run.spool]\ndir = "there"\nquota_mb = "much"\n': "there/control.sock",
+        }.items():
+            config.write_text(text)
+            assert control_in_bad(config) == tmp_path / control
+        for text in (
+            "[pan_tlit]\n",
+            "not = [TOML",
+            "[run]\ncontrol = 5\n",
+            "run = 5\n",
+            "[run]\nspool = 5\n",
+        ):
+            config.write_text(text)
+            assert control_in_bad(config) is None
+
+    def test_where_no_daemon_answers_the_configuration_is_what_is_wrong(self, tmp_path: Path) -> None:
+        config = tmp_path / "vehicle.toml"
+        config.write_text('[run]\ncontrol = "control.sock"\n')
+        (tmp_path / "control.sock").touch()  # whose daemon was killed
         told = CliRunner().invoke(rig, ["status", "--config", str(config)])
         assert isinstance(told.exception, ConfigError)
+        assert told.stderr == ""
 
     def test_a_path_that_is_too_long_is_told(self, tmp_path: Path) -> None:
         board = Board()
