@@ -99,6 +99,7 @@ def test_the_details_of_a_search_hold_what_the_report_shows(seen, santa_cruz_fil
         assert np.abs(frame.errors_deg).max() < 0.03
 
 
+@pytest.mark.long
 def test_a_frame_that_contradicts_is_named_and_the_place_is_found_without_it(run, seen, santa_cruz_file):
     fields = json.loads((seen / "bundle.json").read_text())
     fields["frames"][1]["tilt_deg"] += 2.0

@@ -105,6 +105,7 @@ def test_the_place_is_found_within_a_small_part_of_a_cell(terrain):
     assert located.best.azimuth_bias_deg == pytest.approx(0.7, abs=0.15)
 
 
+@pytest.mark.long
 def test_the_error_agrees_with_the_covariance(terrain):
     """Squared errors in units of the covariance average to at most the two dimensions of the place.
 
@@ -134,6 +135,7 @@ def test_a_dem_said_to_be_the_terrain_itself_is_taken_at_its_word_where_that_fit
     assert (trusted.best.row, trusted.best.col) != (doubted.best.row, doubted.best.col)
 
 
+@pytest.mark.long
 def test_a_dem_wrongly_said_to_be_the_terrain_itself_is_doubted_all_the_same(terrain):
     observation = observe(terrain)
     rng = np.random.default_rng(3)

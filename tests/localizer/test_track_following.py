@@ -335,6 +335,7 @@ def legs_file(tmp_path: Path, *lines: str) -> Path:
 EAST_200_M = '{"distance_m": 200, "distance_sigma_m": 4, "heading_deg": 90, "heading_sigma_deg": 2}'
 
 
+@pytest.mark.long
 def test_the_command_prints_an_object_for_each_bundle_and_ends_as_the_last(scene, drive, run, tmp_path):
     legs = legs_file(tmp_path, EAST_200_M)
     status, out, err = run(*drive, "--dem", scene.dem_path, "--odometry", legs, "--json")
