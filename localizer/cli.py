@@ -18,7 +18,7 @@ from localizer.dem_options import (
     dem_choice,
     dem_error_option,
     dem_files_argument,
-    dem_files_option,
+    dem_option,
 )
 from localizer.predict.command import predict
 from localizer.report import frame_notes, load_truth, report
@@ -39,7 +39,7 @@ def localizer() -> None:
 
 @localizer.command()
 @click.argument("bundle_path", metavar="BUNDLE", type=click.Path(path_type=Path), shell_complete=folders)
-@dem_files_option
+@dem_option
 @click.option("--json", "as_json", is_flag=True, help="Print the fix as one JSON object (skyfix.fix/1).")
 @click.option(
     "--plot",
@@ -120,7 +120,7 @@ def locate(
     type=click.Path(path_type=Path),
     shell_complete=folders,
 )
-@dem_files_option
+@dem_option
 @click.option(
     "--odometry",
     "odometry_path",

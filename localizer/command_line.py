@@ -2,16 +2,19 @@
 
 import errno
 import math
+import os
 import sys
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TypeVar
 
 import click
 
 from localizer.errors import SkyfixError
+
+F = TypeVar("F", bound=Callable[..., object])
 
 INTERRUPTED = 130  # 128 + SIGINT, as shells have it
 PICTURE_SUFFIXES = (".png", ".jpg", ".svg", ".pdf")
@@ -62,12 +65,29 @@ class OutputFolder(click.Path):
     """Where files are put. An empty name, as an unset variable of a script leaves it, would be the current folder."""
 
     def __init__(self) -> None:
-        super().__init__(path_type=Path, file_okay=False)
+        super().__init__(path_type=Path)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         if value == "":
             self.fail("the name of the folder is empty; for the current one say a dot.", param, ctx)
-        return super().convert(value, param, ctx)
+        folder = Path(os.fsdecode(super().convert(value, param, ctx)))
+        with suppress(OSError):  # a name that cannot even be looked at is told by whoever writes there
+            if folder.is_file():
+                self.fail(f"{folder}: is a file; name a folder", param, ctx)
+        return folder
+
+
+def dem_files_option(meaning: str, *, required: bool = False) -> Callable[[F], F]:
+    """``--dem FILE``, as often as wanted; ``meaning`` is its help."""
+    return click.option(
+        "--dem",
+        "dem_paths",
+        metavar="FILE",
+        type=click.Path(path_type=Path),
+        required=required,
+        multiple=True,
+        help=meaning,
+    )
 
 
 def prepare_folder(option: str, folder: Path) -> None:

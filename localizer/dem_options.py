@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from localizer.command_line import FiniteRange
+from localizer.command_line import FiniteRange, dem_files_option
 from localizer.dem import Dem, load_dem
 from localizer.dem_file import VERTICAL_UNITS
 
@@ -37,15 +37,7 @@ class DemChoice:
         )
 
 
-dem_files_option = click.option(
-    "--dem",
-    "dem_paths",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
-    required=True,
-    multiple=True,
-    help="Elevation file; repeat it for files that adjoin.",
-)
+dem_option = dem_files_option("Elevation file; repeat it for files that adjoin.", required=True)
 dem_files_argument = click.argument(
     "dem_paths", metavar="FILE...", nargs=-1, required=True, type=click.Path(path_type=Path)
 )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from localizer.command_line import FiniteRange, OutputFolder
+from localizer.command_line import FiniteRange, OutputFolder, dem_files_option
 from rig.cli_options import config_option
 from rig.clock import wall_clock
 from rig.config import RigConfig, config_path, load_config
@@ -38,14 +38,7 @@ if TYPE_CHECKING:
     help="Where to look: letters (N, NE, ...) or degrees true, separated by commas; by default [capture] directions.",
 )
 @click.option("--locate", is_flag=True, help="Search for the place at once; needs --dem.")
-@click.option(
-    "--dem",
-    "dem_paths",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
-    multiple=True,
-    help="Elevation file for --locate; repeat it for files that adjoin.",
-)
+@dem_files_option("Elevation file for --locate; repeat it for files that adjoin.")
 @click.option(
     "--repeat",
     type=click.IntRange(min=1),

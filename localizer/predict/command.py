@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from localizer.command_line import FiniteRange, check_picture_path, writing
-from localizer.dem_options import DemChoice, dem_choice, dem_files_option
+from localizer.dem_options import DemChoice, dem_choice, dem_option
 from localizer.errors import SkyfixError
 
 MAIN_DIRECTIONS_DEG = (0.0, 90.0, 180.0, 270.0)
@@ -31,7 +31,7 @@ def parse_place(text: str) -> tuple[float, float]:
 
 
 @click.command()
-@dem_files_option
+@dem_option
 @click.option("--at", "place_text", metavar="LAT,LON", required=True, help="The place, WGS84 degrees.")
 @click.option(
     "--azimuth",

@@ -62,15 +62,24 @@ class Problems:
     full: Problem
 
 
-def problems_of(terrain: Terrain, observation: Observation, contours: tuple[FrameContour, ...]) -> Problems:
-    """The observations and priors of one standpoint."""
+def problems_of(
+    terrain: Terrain,
+    observation: Observation,
+    contours: tuple[FrameContour, ...],
+    *,
+    believes_rim: bool = False,
+    block_columns: int | None = None,
+) -> Problems:
+    """The observations and priors of one standpoint; the options are those of ``Problem``."""
     columns = sum(len(c.rays) for c in contours)
-    return Problems(
-        coarse=Problem(terrain, observation, contours, max(1, columns // COARSE_COLUMNS)),
-        middle=Problem(terrain, observation, contours, max(1, columns // CONTEST_COLUMNS)),
-        fine=Problem(terrain, observation, contours, max(1, columns // FINE_COLUMNS)),
-        full=Problem(terrain, observation, contours),
-    )
+
+    def thinned(most: int) -> Problem:
+        stride = max(1, columns // most)
+        return Problem(
+            terrain, observation, contours, stride, believes_rim=believes_rim, block_columns=block_columns
+        )
+
+    return Problems(*(thinned(most) for most in (COARSE_COLUMNS, CONTEST_COLUMNS, FINE_COLUMNS, columns)))
 
 
 def within_the_dem(problems: Problems, place: Refined) -> Problems:
@@ -88,19 +97,13 @@ def within_the_dem(problems: Problems, place: Refined) -> Problems:
     for i, contour in enumerate(full.contours):
         mine = inside[full.frame_of == i]
         contours.append(FrameContour(contour.frame, contour.rays[mine], contour.sigma_rad[mine]))
-
-    def thinned(most: int) -> Problem:
-        stride = max(1, int(np.count_nonzero(inside)) // most)
-        return Problem(
-            full.terrain,
-            full.observation,
-            tuple(contours),
-            stride,
-            believes_rim=True,
-            block_columns=-(-full.block_columns // stride),
-        )
-
-    return Problems(*(thinned(most) for most in (COARSE_COLUMNS, CONTEST_COLUMNS, FINE_COLUMNS, len(inside))))
+    return problems_of(
+        full.terrain,
+        full.observation,
+        tuple(contours),
+        believes_rim=True,
+        block_columns=full.block_columns,
+    )
 
 
 def best_nearby(problems: Problems, start: Refined, largest: float) -> Refined:

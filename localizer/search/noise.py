@@ -44,8 +44,11 @@ class Noise:
 
 def usual_noise(terrain: Terrain, dem_error_m: float) -> Noise:
     """What the residuals are taken for before there are any."""
-    smooth_m = min(SMALLEST_SMOOTH_M, terrain.usual_error_m)
-    return Noise(dem_error_m, 1.0, ErrorModel(dem_error_m, smooth_m, FIRST_LENGTH_CELLS * terrain.cell_m))
+    return Noise(
+        dem_error_m,
+        1.0,
+        ErrorModel(dem_error_m, _least_smooth_m(terrain), FIRST_LENGTH_CELLS * terrain.cell_m),
+    )
 
 
 def estimated_noise(
@@ -83,9 +86,13 @@ def possible_models(problem: Problem, largest_dem_error_m: float) -> Range:
     return Range(
         cell_m=terrain.cell_m,
         least_rough_m=min(LEAST_ROUGH_SHARE * BETWEEN_CELLS * terrain.mean_bend_m + 0.01, usual_m),
-        least_smooth_m=min(SMALLEST_SMOOTH_M, usual_m),
+        least_smooth_m=_least_smooth_m(terrain),
         largest_m=largest_dem_error_m,
     )
+
+
+def _least_smooth_m(terrain: Terrain) -> float:
+    return min(SMALLEST_SMOOTH_M, terrain.usual_error_m)
 
 
 def _dem_error(problem: Problem, here: Evaluation, telling: NDArray[np.bool_], largest: float) -> float:

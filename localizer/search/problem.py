@@ -23,7 +23,7 @@ class Problem:
     """The observations and priors of one standpoint, thinned to every ``stride``-th column.
 
     ``believes_rim``: a horizon that lies where the DEM ends is taken for the true one. ``block_columns``: how many columns a
-    whole stretch of BLOCK_RAD has; by the fullest one where it is not said.
+    whole stretch of BLOCK_RAD has before any are left out; by the fullest one where it is not said.
     """
 
     def __init__(
@@ -48,7 +48,8 @@ class Problem:
         self.sigma_rad = np.concatenate([c.sigma_rad for c in self.contours])
         self.order, self.step_rad = self._along_the_horizon()
         self.blocks = self._blocks()
-        self.block_columns = block_columns or max(len(block) for block in self.blocks)
+        fullest = max(len(block) for block in self.blocks)
+        self.block_columns = -(-block_columns // stride) if block_columns else fullest
         self.size = FIRST_FRAME + PER_FRAME * len(contours)
         prior = np.full(self.size, np.inf)
         prior[AZIMUTH_BIAS] = observation.azimuth_bias_sigma_deg

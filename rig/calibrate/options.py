@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from localizer.command_line import FiniteRange, OutputFolder
+from localizer.command_line import FiniteRange, OutputFolder, dem_files_option
 from rig.cli_options import config_option
 from rig.signals import stopping_cleanly
 
@@ -26,14 +26,7 @@ json_option = click.option("--json", "as_json", is_flag=True, help="Print the re
 at_option = click.option(
     "--at", metavar="LAT,LON", help="The known place where the vehicle stands, WGS84 degrees."
 )
-dem_option = click.option(
-    "--dem",
-    "dem_paths",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
-    multiple=True,
-    help="Elevation file for --at; repeat it for files that adjoin.",
-)
+dem_option = dem_files_option("Elevation file for --at; repeat it for files that adjoin.")
 board_option = click.option(
     "--board",
     "board_text",

@@ -5,15 +5,14 @@ from typing import Literal
 
 import click
 
-from localizer.command_line import OutputFolder, prepare_folder
+from localizer.command_line import OutputFolder, dem_files_option, prepare_folder
 from sim.failures import one_line_failures
-from sim.options import dem_files
 
 # What draws and locates cases is slow to import, and --help and bad usage should not wait for it.
 
 
 @click.command()
-@dem_files("the cases are spread evenly over those given.")
+@dem_files_option("Elevation raster; the cases are spread evenly over those given.")
 @click.option(
     "--scenario",
     "scenario_path",

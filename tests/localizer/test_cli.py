@@ -298,7 +298,9 @@ def test_every_bad_input_of_locate_is_told_in_one_line_before_the_search(
     assert "no such folder" in refused(
         "locate", bundle_dir, "--dem", dem_file, "--plot", tmp_path / "nowhere" / "fix.png"
     )
-    assert "is a file" in refused("locate", bundle_dir, "--dem", dem_file, "--report", dem_file)
+    assert "is a file; name a folder" in refused(
+        "locate", bundle_dir, "--dem", dem_file, "--report", dem_file
+    )
     assert "Not a directory" in refused(
         "locate", bundle_dir, "--dem", dem_file, "--report", dem_file / "below"
     )

@@ -7,10 +7,12 @@ import os
 import pty
 import select
 import struct
+import tempfile
 import threading
 import time
 import tty
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from dynamixel_sdk.protocol2_packet_handler import Protocol2PacketHandler
 
@@ -113,7 +115,10 @@ class FakeServoBus:
         self.drop_next = 0
         self._master, self._slave = pty.openpty()
         tty.setraw(self._slave)
-        self.path = os.ttyname(self._slave)
+        # A name of its own: the terminal's may be another test's as soon as the bus is unplugged.
+        self._folder = tempfile.TemporaryDirectory(prefix="servos-")
+        self.path = str(Path(self._folder.name, "port"))
+        Path(self.path).symlink_to(os.ttyname(self._slave))
         self._stop_read, self._stop_write = os.pipe()
         self._thread = threading.Thread(target=self._serve, daemon=True)
         self._thread.start()
@@ -125,12 +130,14 @@ class FakeServoBus:
         self.unplug()
         os.close(self._stop_read)
         os.close(self._stop_write)
+        self._folder.cleanup()
 
     def unplug(self) -> None:
         """What a pulled USB plug looks like: every call on the port fails."""
         if self._thread.is_alive():
             os.write(self._stop_write, b"x")
             self._thread.join()
+            Path(self.path).unlink()
             os.close(self._slave)
             os.close(self._master)
 
