@@ -4,6 +4,8 @@ Coarse fits choose the contenders; these are compared under one error model, tha
 around it; the winner is fitted with all columns.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -87,7 +89,7 @@ def sharpened(
     What is close by shows the last metres of the way, and misleads whoever is farther off.
     """
     largest = terrain.largest_error_m
-    there = best_nearby(problems_of(terrain, observation, contours), best, largest)
+    there = replace(best_nearby(problems_of(terrain, observation, contours), best, largest), dem_error_m=0.0)
     stays = np.hypot(there.row - best.row, there.col - best.col) <= SAME_PLACE_CELLS
     return there if stays and explains(there, largest, _priors(contours)) else best
 

@@ -22,14 +22,14 @@ def columns_along(
     """The columns along the horizon and the priors, for the error model; stray columns (of small ``weight``) count as noisy."""
     order = problem.order
     slope2 = np.minimum(here.slope**2, 25.0)
-    distance = here.distance[order]
+    distance = here.error_distance[order]
     across = 0.5 * (distance + np.roll(distance, 1)) * problem.step_rad
     misfit, rows = prior_misfits(problem, x, here, model.size_m)
     return Columns(
         residual=here.residual[order],
         jacobian=here.jacobian[order],
         white=(problem.sigma_rad**2 * (1.0 + slope2) / np.maximum(weight, 1e-6))[order],
-        per_m=(np.sqrt(1.0 + LATERAL_SHARE**2 * slope2) * here.dem_error_share / here.distance)[order],
+        per_m=(np.sqrt(1.0 + LATERAL_SHARE**2 * slope2) * here.dem_error_share / here.error_distance)[order],
         step_m=np.hypot(across, distance - np.roll(distance, 1)),
         cell_m=problem.terrain.cell_m,
         prior=rows.T @ rows + 1e-12 * np.eye(problem.size),
@@ -67,7 +67,8 @@ def prior_misfits(problem: Problem, x: Floats, here: Evaluation, s: float) -> tu
     rows = [np.diag(1.0 / problem.prior_sigma_deg)[known]]
     o = problem.observation
     if np.isfinite(here.ground_m):
-        sigma = np.hypot(GROUND_SHARE * s, here.ground_sigma_m)
+        shared = 0.0 if problem.terrain.exact else GROUND_SHARE * s
+        sigma = np.hypot(shared, here.ground_sigma_m)
         misfit.append(np.array([(x[ALTITUDE] - o.mast_height_m - here.ground_m) / sigma]))
         row = np.zeros((1, problem.size))
         row[0, ALTITUDE], row[0, EAST], row[0, NORTH] = 1.0, *(-here.ground_gradient)

@@ -15,7 +15,7 @@ from localizer.observation import Observation
 from localizer.search.contours import FrameContour
 from localizer.search.error_model import ErrorModel
 from localizer.search.noise import FIRST_LENGTH_CELLS, Noise
-from localizer.search.places_around import places_around
+from localizer.search.places_around import places_around, spread_around
 from localizer.search.problem import Problem
 from localizer.search.refine import LIKELY_FROM, Refined, refine
 from localizer.search.residuals import evaluate
@@ -35,6 +35,8 @@ LOOK_ABOUT_ERRORS = (0.2, 1.5)
 """What is taken for a DEM's error in that, in terms of what is usual."""
 LOOK_CLOSER_CELLS = (0.6, 0.15)
 """The same around the best of the places found, where these are not one and the same."""
+SPREAD_CELLS = (3.0, 0.6)
+"""The same for how far places reach that are hardly less likely than the best one."""
 FINALISTS = 4
 HOPELESS_EVIDENCE = 0.0
 ONE_PLACE_CELLS = 0.05
@@ -137,7 +139,7 @@ def best_nearby(problems: Problems, start: Refined, largest: float) -> Refined:
     finals = sorted([*finals, *strictly], key=lambda r: r.fit_cost)
     strict = STRICT_SHARE if any(finals[0] is fit for fit in strictly) else 1.0
     best = _settled(problems.full, finals[0], largest, strict=strict)
-    return _weighed(best, finals, fits, problems.full.terrain)
+    return _weighed(problems, best, finals, fits)
 
 
 def likeliest_nearby(problems: Problems, found: Refined, noise: Noise, largest: float) -> Refined:
@@ -218,13 +220,15 @@ def _settled(problem: Problem, start: Refined, largest: float, strict: float = 1
     return again(problem, start, largest, settle=True, likely_from=0, strict=strict)
 
 
-def _weighed(best: Refined, finals: list[Refined], others: list[Refined], terrain: Terrain) -> Refined:
+def _weighed(problems: Problems, best: Refined, finals: list[Refined], others: list[Refined]) -> Refined:
     """The best fit, moved to the mean of all finals by their likelihoods, its covariance widened by how far the fits lie apart.
 
-    ``best`` has all columns, ``finals``, the best of them first, fewer; ``others``, of fewer still, only widen it. Whichever
-    of the likely peaks explains the contours best, by so much the place does.
+    And by how far around it the likelihood is flat, or has peaks that no fit ended in. ``best`` has all columns, ``finals``,
+    the best of them first, fewer; ``others``, of fewer still, only widen it. Whichever of the likely peaks explains the
+    contours best, by so much the place does.
     """
-    dem, blunting = terrain.dem, 1.0 + BLUNTING_PER_M * best.error_model.smooth_m
+    terrain, coarse = problems.full.terrain, problems.coarse
+    blunting = 1.0 if terrain.exact else 1.0 + BLUNTING_PER_M * best.error_model.smooth_m
 
     def likelihood(fits: list[Refined]) -> Floats:
         cost = np.array([r.fit_cost for r in fits])
@@ -238,12 +242,15 @@ def _weighed(best: Refined, finals: list[Refined], others: list[Refined], terrai
     share = np.concatenate([weight, likelihood(others)])
     share /= share.sum()
     off = np.vstack([place, *([[r.row, r.col]] for r in others)]) - mean
-    off_m = off[:, ::-1] * np.array([dem.spacing_ew_m, -dem.spacing_ns_m])
+    off_m = off[:, ::-1] * np.array([terrain.dem.spacing_ew_m, -terrain.dem.spacing_ns_m])
     row, col = np.array([best.row, best.col]) + mean - place[0]
+    moved = replace(best, row=float(row), col=float(col))
+    noise = Noise(best.dem_error_m, max(1.0, best.correlation_columns / coarse.stride), best.error_model)
+    # Few columns tell as much less as the noise is each column's own.
+    fewer = len(coarse.sigma_rad) / len(problems.full.sigma_rad)
+    flat = spread_around(coarse, moved, noise, *SPREAD_CELLS, fewer * blunting)
     return replace(
-        best,
-        row=float(row),
-        col=float(col),
-        covariance_enu_m2=best.covariance_enu_m2 + (share[:, None] * off_m).T @ off_m,
+        moved,
+        covariance_enu_m2=best.covariance_enu_m2 + (share[:, None] * off_m).T @ off_m + flat,
         evidence=max(fit.evidence for fit in [best, *likely]),
     )

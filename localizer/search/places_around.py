@@ -1,4 +1,4 @@
-"""Looking about: the likeliest places on a lattice around a fit."""
+"""Looking about: the likeliest places on a lattice around a fit, and how far those lie from it that are hardly less likely."""
 
 from collections.abc import Sequence
 
@@ -29,8 +29,45 @@ def places_around(
     Close to hills the horizon leaps from rise to rise as one moves, and each leap may stop a descent: so one looks about. At
     each place all but the place itself is fitted in one step. No two places under one noise are neighbours.
     """
+    frame = _frame_at(problem, start)
+    origin = (start.row, start.col)
+    places: list[tuple[float, float, float, Noise]] = []
+    for noise, costs in zip(noises, _lattice(problem, start, noises, reach_cells, step_cells), strict=True):
+        kept: list[Floats] = []
+        for _, place in sorted(costs, key=lambda entry: entry[0]):
+            apart_m = [float(np.hypot(place[EAST] - k[EAST], place[NORTH] - k[NORTH])) for k in kept]
+            if min(apart_m, default=np.inf) > 1.5 * step_cells * problem.terrain.cell_m:
+                kept.append(place)
+            if len(kept) == keep:
+                break
+        for k in kept:
+            row, col = place_of(k, origin, frame)
+            if all(np.hypot(row - r, col - c) > 0.5 * step_cells for r, c, _, _ in places):
+                places.append((row, col, float(k[ALTITUDE]), noise))
+    return places
+
+
+def spread_around(
+    problem: Problem, start: Refined, noise: Noise, reach_cells: float, step_cells: float, blunting: float
+) -> Floats:
+    """Second moment (2, 2), metres east and north, about a fit of the likelihood on a lattice around it, its logarithm blunted.
+
+    Where it has one narrow peak between the lattice's points there is next to nothing; where it is flat or has many peaks, how
+    far these reach.
+    """
+    (costs,) = _lattice(problem, start, [noise], reach_cells, step_cells)
+    cost = np.array([c for c, _ in costs])
+    off_m = np.array([x[[EAST, NORTH]] for _, x in costs])
+    share = np.exp((cost.min() - cost) / blunting)
+    return np.asarray((share[:, None] * off_m).T @ off_m / share.sum())
+
+
+def _lattice(
+    problem: Problem, start: Refined, noises: Sequence[Noise], reach_cells: float, step_cells: float
+) -> list[list[tuple[float, Floats]]]:
+    """Cost and parameters, metres counted from the fit, of each place on the lattice that is in the DEM, under each noise."""
     terrain = problem.terrain
-    frame = terrain.frames.at(np.array([start.row]), np.array([start.col]))[0]
+    frame = _frame_at(problem, start)
     x = start.parameters()
     origin = (start.row, start.col)
     ticks = np.arange(-reach_cells, reach_cells + 1e-9, step_cells) * terrain.cell_m
@@ -48,20 +85,11 @@ def places_around(
             there = evaluate(problem, moved, origin, frame, here.guess_m)
             for noise, costs in zip(noises, found, strict=True):
                 costs.append(_fitted_there(problem, moved, there, noise))
-    places: list[tuple[float, float, float, Noise]] = []
-    for noise, costs in zip(noises, found, strict=True):
-        kept: list[Floats] = []
-        for _, place in sorted(costs, key=lambda entry: entry[0]):
-            apart_m = [float(np.hypot(place[EAST] - k[EAST], place[NORTH] - k[NORTH])) for k in kept]
-            if min(apart_m, default=np.inf) > 1.5 * step_cells * terrain.cell_m:
-                kept.append(place)
-            if len(kept) == keep:
-                break
-        for k in kept:
-            row, col = place_of(k, origin, frame)
-            if all(np.hypot(row - r, col - c) > 0.5 * step_cells for r, c, _, _ in places):
-                places.append((row, col, float(k[ALTITUDE]), noise))
-    return places
+    return found
+
+
+def _frame_at(problem: Problem, place: Refined) -> Floats:
+    return np.asarray(problem.terrain.frames.at(np.array([place.row]), np.array([place.col]))[0])
 
 
 def _fitted_there(problem: Problem, x: Floats, here: Evaluation, noise: Noise) -> tuple[float, Floats]:

@@ -44,7 +44,7 @@ LIKELY_FROM = 8
 LEAST_DAMPING, MOST_DAMPING = 1e-6, 50.0
 ENOUGH_GAIN = 2e-2
 """A step that lowers the cost by less ends the fit."""
-SHIFT_PER_M = 2.25
+SHIFT_PER_M = 1.0
 """How far the place moves per metre of a DEM's smooth error, beyond what the fit tells."""
 LATTICE_SHARE = 0.015
 """By so much of a cell the best place moves when the same cells are made into another surface."""
@@ -233,8 +233,9 @@ def _shift_sigma_m(problem: Problem, model: ErrorModel) -> float:
 
     A smooth error tilts all that is near, the ground under the camera too.
     """
-    lattice_m = 0.0 if problem.terrain.exact else LATTICE_SHARE * problem.terrain.cell_m
-    return float(np.hypot(lattice_m, SHIFT_PER_M * model.smooth_m))
+    if problem.terrain.exact:
+        return 0.0
+    return float(np.hypot(LATTICE_SHARE * problem.terrain.cell_m, SHIFT_PER_M * model.smooth_m))
 
 
 def _averaged_covariance(models: list[tuple[ErrorModel, Normal]]) -> Floats:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from localizer.geodesy import after
-from localizer.horizon.from_terrain import horizon_around
+from localizer.horizon.from_terrain import EXACT_ERROR_M, horizon_around
 from localizer.search.problem import (
     ALTITUDE,
     AZIMUTH_BIAS,
@@ -30,6 +30,9 @@ BETWEEN_CELLS = 0.1
 """How far the ground between a DEM's cells lies from its surface, as a share of what that bends from cell to cell."""
 LATERAL_SHARE = 0.5
 """A DEM errs sideways too; as a share of its vertical error."""
+CONTOUR_DISTANCE_CELLS = 330.0
+"""What neighbouring columns share where the DEM is the terrain itself is the contour's own error, whatever the distance: as if
+all of the horizon were as far away as this. A cell is then about a pixel."""
 
 
 @dataclass
@@ -49,6 +52,8 @@ class Evaluation:
     guess_m: Floats
     """Where the horizon is, near or far."""
     slope: Floats
+    error_distance: Floats
+    """From how far away the DEM's error is seen."""
     dem_error_share: Floats
     """What the DEM's error is to be multiplied by where the horizon lies."""
     ground_m: float
@@ -102,12 +107,19 @@ def evaluate(
     jacobian[index, FIRST_FRAME + PER_FRAME * frame_of + 2] = by_roll
     row_h, col_h = after(frame, row, col, d * np.sin(azimuth), d * np.cos(azimuth))
     rim = np.zeros(n, bool) if problem.believes_rim else terrain.is_rim(row_h, col_h)
-    share = np.sqrt(1.0 + terrain.roughness_at(row_h, col_h) ** 2)
-    own = 0.0
-    if not terrain.exact:
+    if terrain.exact:
+        error_distance, share, own = (
+            np.full(n, CONTOUR_DISTANCE_CELLS * terrain.cell_m),
+            np.ones(n),
+            EXACT_ERROR_M,
+        )
+    else:
+        error_distance, share = d, np.sqrt(1.0 + terrain.roughness_at(row_h, col_h) ** 2)
         bend_m = terrain.mean_bend_m * float(terrain.roughness_at(np.array([row]), np.array([col]))[0])
         own = float(np.hypot(BETWEEN_CELLS * bend_m, 0.1))
-    return Evaluation(residual, jacobian, d, near, above, rim, guess_m, slope, share, ground, gradient, own)
+    return Evaluation(
+        residual, jacobian, d, near, above, rim, guess_m, slope, error_distance, share, ground, gradient, own
+    )
 
 
 def secants(
@@ -130,7 +142,7 @@ def residual_sigma(problem: Problem, here: Evaluation, s: float) -> Floats:
     return np.asarray(
         np.sqrt(
             problem.sigma_rad**2 * (1.0 + slope2)
-            + (s * here.dem_error_share / here.distance) ** 2 * (1.0 + LATERAL_SHARE**2 * slope2)
+            + (s * here.dem_error_share / here.error_distance) ** 2 * (1.0 + LATERAL_SHARE**2 * slope2)
         )
     )
 

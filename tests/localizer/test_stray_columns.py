@@ -30,6 +30,7 @@ def columns(
         rim=np.full(len(one), rim),
         guess_m=1000.0 * one,
         slope=0.0 * one,
+        error_distance=1000.0 * one,
         dem_error_share=one,
         ground_m=0.0,
         ground_gradient=np.zeros(2),
