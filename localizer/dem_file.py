@@ -13,6 +13,7 @@ from pyproj import CRS
 from pyproj.exceptions import CRSError
 
 from localizer.crs import WGS84, transform_xy
+from localizer.elevation_units import VERTICAL_UNITS
 from localizer.errors import SkyfixError
 
 if TYPE_CHECKING:
@@ -22,9 +23,6 @@ LOWEST_M, HIGHEST_M = -500.0, 9000.0
 """Elevations outside are voids: no land lies lower or higher, but undeclared nodata values do."""
 
 MAX_CELLS = 250_000_000
-
-VERTICAL_UNITS = {"m": 1.0, "ft": 0.3048, "us-ft": 1200.0 / 3937.0}
-"""Metres in one unit, by the names that ``--vertical-unit`` takes."""
 
 _UNIT_NAMES = {
     "m": ("m", "metre", "metres", "meter", "meters"),

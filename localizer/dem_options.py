@@ -4,12 +4,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import wraps
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from localizer.command_line import FiniteRange, dem_files_option
-from localizer.dem import Dem, load_dem
-from localizer.dem_file import VERTICAL_UNITS
+from localizer.elevation_units import VERTICAL_UNITS
+
+if TYPE_CHECKING:
+    from localizer.dem import Dem
 
 LARGEST_ERROR_M = 1000.0
 
@@ -26,8 +29,10 @@ class DemChoice:
     nodata: float | None = None
     error_m: float | None = None
 
-    def load(self) -> Dem:
+    def load(self) -> "Dem":
         """Read them. Raises ``DemError``."""
+        from localizer.dem import load_dem  # slow to import, and bad usage should be told at once
+
         return load_dem(
             self.paths,
             vertical_unit=self.vertical_unit,

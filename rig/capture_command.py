@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from localizer.command_line import FiniteRange, OutputFolder, dem_files_option
+from localizer.dem_options import DemChoice, dem_choice, dem_error_option
 from rig.cli_options import config_option
 from rig.clock import wall_clock
 from rig.config import RigConfig, config_path, load_config
@@ -37,8 +38,10 @@ if TYPE_CHECKING:
     metavar="LIST",
     help="Where to look: letters (N, NE, ...) or degrees true, separated by commas; by default [capture] directions.",
 )
-@click.option("--locate", is_flag=True, help="Search for the place at once; needs --dem.")
+@click.option("--locate", is_flag=True, help="Search for the place at once, in --dem, else in [run] dem.")
 @dem_files_option("Elevation file for --locate; repeat it for files that adjoin.")
+@dem_error_option
+@dem_choice
 @click.option(
     "--repeat",
     type=click.IntRange(min=1),
@@ -70,7 +73,7 @@ def capture(
     out_dir: Path | None,
     names: str | None,
     locate: bool,
-    dem_paths: tuple[Path, ...],
+    chosen_dem: DemChoice,
     repeat: int,
     every_s: float,
     telemetry_file: Path | None,
@@ -96,15 +99,17 @@ def capture(
     """
     if repeat > 1 and locate:
         raise click.UsageError("--repeat takes bundles only; locate them afterwards.")
-    if locate != bool(dem_paths):
-        raise click.UsageError("--locate and --dem FILE go together.")
+    if chosen_dem != DemChoice(()) and not locate:
+        raise click.UsageError("--dem and what is said of it go with --locate.")
+    if locate and not chosen_dem.paths and chosen_dem != DemChoice(()):
+        raise click.UsageError("--dem FILE is missing, of which something is said.")
     if repeat == 1 and (fresh or every_s):
         raise click.UsageError("--every and --fresh go with --repeat N, N being 2 or more.")
     directions = _directions(names)
     config = load_config(config_path(config_file))
     directions = directions or config.capture.parsed_directions()
     out_dir = out_dir or config.rig.bundle_dir
-    dem = _load_dem(dem_paths) if locate else None
+    dem = (chosen_dem if chosen_dem.paths else _configured_dem(config)).load() if locate else None
     with _telemetry(config, telemetry_file):
         if repeat > 1:
             return _take_series(config, directions, out_dir, repeat, every_s, fresh, as_json)
@@ -144,9 +149,13 @@ def _take_one(
     status = 0
     if dem is not None:
         from localizer.locate import locate_bundle
+        from localizer.report import frame_notes
         from localizer.report import report as fix_report
 
-        fix = locate_bundle(load_bundle(bundle_dir), dem).fix
+        located = locate_bundle(load_bundle(bundle_dir), dem)
+        fix = located.fix
+        for note in frame_notes(located.details):
+            click.echo(f"rig: {note}", err=True)
         found["fix"] = json.loads(fix.to_json()) if as_json else None
         if not as_json:
             click.echo(fix_report(fix, dem, None))
@@ -195,10 +204,13 @@ def _take_series(
     return 2 if any(outcome.reason for outcome in series.outcomes.values()) else 0
 
 
-def _load_dem(paths: tuple[Path, ...]) -> "Dem":
-    from localizer.dem import load_dem
-
-    return load_dem(paths)
+def _configured_dem(config: RigConfig) -> DemChoice:
+    """What ``rig run`` searches."""
+    if config.run is None:
+        raise click.UsageError(
+            "--locate: say where with --dem FILE; there is no [run] dem in the configuration."
+        )
+    return DemChoice(config.run.dem, error_m=config.run.dem_error_m)
 
 
 def _directions(names: str | None) -> list[Direction]:

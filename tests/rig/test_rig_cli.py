@@ -94,9 +94,23 @@ def test_nonsense_as_directions(run: Run, running: RunningRig, tmp_path: Path, n
     assert said in line
 
 
-def test_locate_needs_a_dem(run: Run) -> None:
-    assert "--locate and --dem FILE go together" in one_line(run("capture", "--locate"))
-    assert "--locate and --dem FILE go together" in one_line(run("capture", "--dem", "x.tif"))
+def test_locate_needs_a_dem(run: Run, running: RunningRig, tmp_path: Path) -> None:
+    config = written(running, tmp_path)
+    line = one_line(run("capture", "--config", config, "--locate"))
+    assert "--locate: say where with --dem FILE; there is no [run] dem" in line
+    assert not running.servos.requests
+
+
+def test_locate_searches_what_the_daemon_would(run: Run, running: RunningRig, tmp_path: Path) -> None:
+    config = written(running, tmp_path, run={"dem": ["the_daemons.tif"]})
+    assert "the_daemons.tif" in one_line(run("capture", "--config", config, "--locate"))
+    assert "mine.tif" in one_line(run("capture", "--config", config, "--locate", "--dem", "mine.tif"))
+
+
+def test_what_is_said_of_a_dem_needs_one(run: Run) -> None:
+    assert "--dem and what is said of it go with --locate" in one_line(run("capture", "--dem", "x.tif"))
+    assert "--dem and what is said of it go with --locate" in one_line(run("capture", "--dem-error", "3"))
+    assert "--dem FILE is missing" in one_line(run("capture", "--locate", "--crs", "EPSG:4326"))
 
 
 def test_a_dem_that_does_not_load_is_told_before_anything_moves(
