@@ -68,6 +68,10 @@ class Dem:
         """The files that the DEM was read from."""
         return tuple(file.path for file in self.files)
 
+    def covers(self, row: float, col: float) -> bool:
+        """Whether a lattice position lies in one of its cells, be it a void."""
+        return -0.5 <= row <= self.rows - 0.5 and -0.5 <= col <= self.cols - 0.5
+
     def ground_m(self, row: ArrayLike, col: ArrayLike) -> NDArray[np.float64]:
         """Bilinear elevation, elementwise; NaN outside the lattice and where a cell that counts is void."""
         row, col = np.broadcast_arrays(np.asarray(row, np.float64), np.asarray(col, np.float64))

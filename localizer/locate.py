@@ -20,7 +20,7 @@ from localizer.horizon.from_terrain import Terrain, at_rim, horizon, horizon_aro
 from localizer.observation import FrameObservation, Observation, PriorCircle
 from localizer.search.contest import contest, sharpened, starts
 from localizer.search.contours import BINS, FrameContour, MeasuredSkyline, frame_contour, measured_skyline
-from localizer.search.decide import Decision
+from localizer.search.decide import Decision, answered_with
 from localizer.search.refine import Refined
 from localizer.search.rounds import likeliest_cells
 from localizer.search.stage1 import Band, Stage1, bands, heading_offsets_deg, search_stage1
@@ -170,7 +170,8 @@ def _with_its_word(terrain: Terrain, observation: Observation, found: Located) -
     watch = _Watch(found.timing_s)
     with watch.part("refine"):
         best = sharpened(terrain, observation, _contours(observation), found.best)
-    return replace(found, best=best, timing_s=watch.seconds)
+    decision = answered_with(found.decision, best, terrain.cell_m)
+    return replace(found, decision=decision, best=best, timing_s=watch.seconds)
 
 
 def _contours(observation: Observation) -> tuple[FrameContour, ...]:
@@ -275,8 +276,7 @@ def _details(
                 rim_share=rim_share,
             )
         )
-    # the best one has been refined once more, with all columns
-    candidates = [best, *located.decision.candidates[1:]] if best is not None else []
+    candidates = located.decision.candidates
     return LocateDetails(
         tuple(frames),
         located.stage1.survivors,

@@ -24,7 +24,7 @@ from localizer.report import CHI2_95, Truth, ellipse, lat_lon
 Floats = NDArray[np.float64]
 
 FOUND, DOUBTFUL, PREDICTED = "#00d5ff", "#ff9d00", "#ff1f8f"
-PLACE, ZOOM_FRAME = "#ffe600", "black"
+PLACE = "#ffe600"
 STAGE_COLOURS = LinearSegmentedColormap.from_list(
     "stages", ["#98a3ff", "#4657e8", "#00a4c7", "#f07d00", "#e0101f"]
 )

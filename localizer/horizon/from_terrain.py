@@ -37,8 +37,6 @@ SMALLEST_ERROR_M = 0.1
 """No DEM of a real place is better."""
 EXACT_ERROR_M = 0.02
 """Of a DEM that is the terrain itself: that of its numbers and of what lies between them."""
-USUAL_CONTOUR_ERROR_M, LARGEST_CONTOUR_ERROR_M = 0.5, 10.0
-"""What neighbouring columns share where the DEM does not err, in metres seen from 330 cells away (``search.residuals``)."""
 LARGEST_ERROR = 4.0
 """A DEM's error is at most so many times what is usual for one of its kind."""
 
@@ -78,10 +76,10 @@ class Terrain:
     def usual_error_m(self) -> float:
         """One standard deviation of the elevations of such a DEM, until the residuals tell.
 
-        What is said of it, else more in wide and in rough cells. Of a DEM without error what stands for it: the contour's own.
+        What is said of it, else more in wide and in rough cells.
         """
         if self.exact:
-            return USUAL_CONTOUR_ERROR_M
+            return EXACT_ERROR_M
         if self.dem.error_m is not None:
             return max(self.dem.error_m, SMALLEST_ERROR_M)
         return self._error_of_its_kind_m
@@ -89,9 +87,8 @@ class Terrain:
     @property
     def largest_error_m(self) -> float:
         """More is not believed of any place. Whoever says too little of a DEM's error does not lose all places by that."""
-        if self.exact:
-            return LARGEST_CONTOUR_ERROR_M
-        return max(LARGEST_ERROR * self.usual_error_m, self._error_of_its_kind_m)
+        told_m = LARGEST_ERROR * self.usual_error_m
+        return told_m if self.exact else max(told_m, self._error_of_its_kind_m)
 
     @property
     def _error_of_its_kind_m(self) -> float:

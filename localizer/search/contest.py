@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from localizer.horizon.from_terrain import Terrain
 from localizer.observation import Observation
 from localizer.search.contours import FrameContour
-from localizer.search.decide import Decision, decide, explains
+from localizer.search.decide import Decision, answered_with, decide, explains
 from localizer.search.nearby import (
     HOPELESS_EVIDENCE,
     SAME_PLACE_CELLS,
@@ -76,9 +76,9 @@ def contest(
     winner = decision.candidates[0]
     if np.hypot(winner.row - best.row, winner.col - best.col) > SAME_PLACE_CELLS:
         best = best_nearby(problems, winner, largest)
-    if not explains(best, largest, _priors(contours)):
+    if not (explains(best, largest, _priors(contours)) and terrain.dem.covers(best.row, best.col)):
         return Decision("none", [], np.zeros(0)), None
-    return decision, best
+    return answered_with(decision, best, terrain.cell_m), best
 
 
 def sharpened(
@@ -88,10 +88,11 @@ def sharpened(
 
     What is close by shows the last metres of the way, and misleads whoever is farther off.
     """
-    largest = terrain.largest_error_m
-    there = replace(best_nearby(problems_of(terrain, observation, contours), best, largest), dem_error_m=0.0)
+    problems = problems_of(terrain, observation, contours)
+    largest = problems.full.largest_error_m
+    there = best_nearby(problems, best, largest)
     stays = np.hypot(there.row - best.row, there.col - best.col) <= SAME_PLACE_CELLS
-    return there if stays and explains(there, largest, _priors(contours)) else best
+    return replace(there, dem_error_m=0.0) if stays and explains(there, largest, _priors(contours)) else best
 
 
 def _priors(contours: tuple[FrameContour, ...]) -> int:

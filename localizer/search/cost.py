@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from localizer.search.error_model import Columns, ErrorModel, log_scale, whitened_cost
 from localizer.search.problem import ALTITUDE, EAST, NORTH, Problem
-from localizer.search.residuals import LATERAL_SHARE, Evaluation
+from localizer.search.residuals import STEEPEST, Evaluation
 from localizer.search.stray import telling_columns, visible_columns, visible_residual, weights
 
 Floats = NDArray[np.float64]
@@ -21,15 +21,15 @@ def columns_along(
 ) -> Columns:
     """The columns along the horizon and the priors, for the error model; stray columns (of small ``weight``) count as noisy."""
     order = problem.order
-    slope2 = np.minimum(here.slope**2, 25.0)
-    distance = here.error_distance[order]
+    steep2 = np.minimum(here.slope**2, STEEPEST**2)
+    distance = here.error_distance_m[order]
     across = 0.5 * (distance + np.roll(distance, 1)) * problem.step_rad
     misfit, rows = prior_misfits(problem, x, here, model.size_m)
     return Columns(
         residual=here.residual[order],
         jacobian=here.jacobian[order],
-        white=(problem.sigma_rad**2 * (1.0 + slope2) / np.maximum(weight, 1e-6))[order],
-        per_m=(np.sqrt(1.0 + LATERAL_SHARE**2 * slope2) * here.dem_error_share / here.error_distance)[order],
+        white=(problem.sigma_rad**2 * (1.0 + steep2) / np.maximum(weight, 1e-6))[order],
+        per_m=here.error_per_m[order],
         step_m=np.hypot(across, distance - np.roll(distance, 1)),
         cell_m=problem.terrain.cell_m,
         prior=rows.T @ rows + 1e-12 * np.eye(problem.size),

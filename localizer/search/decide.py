@@ -6,7 +6,7 @@ most columns within what the sensors, the image and a plausible DEM error allow.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,11 +60,20 @@ def decide(candidates: Sequence[Refined], evidence: float, cell_m: float) -> Dec
     probability = weight / weight.sum()
     order = np.argsort(-probability, kind="stable")
     kept = [i for i in order if probability[i] >= NEGLIGIBLE]
-    best = candidates[kept[0]]
-    widest = float(np.sqrt(np.linalg.eigvalsh(best.covariance_enu_m2)[-1]))
     single = (
         probability[kept[0]] >= CERTAIN
         and evidence >= CERTAIN_EVIDENCE
-        and widest <= WIDEST_FIX_CELLS * cell_m
+        and _one_place(candidates[kept[0]], cell_m)
     )
     return Decision("fix" if single else "ambiguous", [candidates[i] for i in kept], probability[kept])
+
+
+def answered_with(decision: Decision, best: Refined, cell_m: float) -> Decision:
+    """The same with the likeliest candidate as it was refined in the end; no ``fix`` where that is known too vaguely."""
+    status: Status = decision.status if _one_place(best, cell_m) or decision.status != "fix" else "ambiguous"
+    return replace(decision, status=status, candidates=[best, *decision.candidates[1:]])
+
+
+def _one_place(candidate: Refined, cell_m: float) -> bool:
+    widest_m = float(np.sqrt(np.linalg.eigvalsh(candidate.covariance_enu_m2)[-1]))
+    return widest_m <= WIDEST_FIX_CELLS * cell_m

@@ -117,7 +117,7 @@ def best_nearby(problems: Problems, start: Refined, largest: float) -> Refined:
     """
     problems = within_the_dem(problems, start)
     found = again(problems.middle, start, largest, settle=True)
-    usual = problems.full.terrain.usual_error_m
+    usual = problems.full.usual_error_m
     length_m = FIRST_LENGTH_CELLS * problems.full.terrain.cell_m
     correlation = found.correlation_columns
     noises = [Noise(found.dem_error_m, correlation, found.error_model)] + [
@@ -244,9 +244,9 @@ def _weighed(problems: Problems, best: Refined, finals: list[Refined], others: l
     off = np.vstack([place, *([[r.row, r.col]] for r in others)]) - mean
     off_m = off[:, ::-1] * np.array([terrain.dem.spacing_ew_m, -terrain.dem.spacing_ns_m])
     row, col = np.array([best.row, best.col]) + mean - place[0]
-    moved = replace(best, row=float(row), col=float(col))
+    moved = _moved(best, float(row), float(col), terrain)
     noise = Noise(best.dem_error_m, max(1.0, best.correlation_columns / coarse.stride), best.error_model)
-    # Few columns tell as much less as the noise is each column's own.
+    # Where the noise is each column's own, few columns tell as much less; the DEM's is blunted anyway.
     fewer = len(coarse.sigma_rad) / len(problems.full.sigma_rad)
     flat = spread_around(coarse, moved, noise, *SPREAD_CELLS, fewer * blunting)
     return replace(
@@ -254,3 +254,10 @@ def _weighed(problems: Problems, best: Refined, finals: list[Refined], others: l
         covariance_enu_m2=best.covariance_enu_m2 + (share[:, None] * off_m).T @ off_m + flat,
         evidence=max(fit.evidence for fit in [best, *likely]),
     )
+
+
+def _moved(fit: Refined, row: float, col: float, terrain: Terrain) -> Refined:
+    """The same a little way off, as high above the ground."""
+    rise_m = float(terrain.dem.ground_m(row, col)) - float(terrain.dem.ground_m(fit.row, fit.col))
+    altitude_m = fit.altitude_m + (rise_m if np.isfinite(rise_m) else 0.0)
+    return replace(fit, row=row, col=col, altitude_m=altitude_m)

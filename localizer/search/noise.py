@@ -47,7 +47,9 @@ def usual_noise(terrain: Terrain, dem_error_m: float) -> Noise:
     return Noise(
         dem_error_m,
         1.0,
-        ErrorModel(dem_error_m, _least_smooth_m(terrain), FIRST_LENGTH_CELLS * terrain.cell_m),
+        ErrorModel(
+            dem_error_m, min(SMALLEST_SMOOTH_M, terrain.usual_error_m), FIRST_LENGTH_CELLS * terrain.cell_m
+        ),
     )
 
 
@@ -81,18 +83,14 @@ def estimated_noise(
 
 def possible_models(problem: Problem, largest_dem_error_m: float) -> Range:
     """The error models among which the residuals decide."""
-    terrain = problem.terrain
-    usual_m = terrain.usual_error_m
+    terrain, usual_m = problem.terrain, problem.usual_error_m
+    between_m = 0.0 if terrain.exact else LEAST_ROUGH_SHARE * BETWEEN_CELLS * terrain.mean_bend_m
     return Range(
         cell_m=terrain.cell_m,
-        least_rough_m=min(LEAST_ROUGH_SHARE * BETWEEN_CELLS * terrain.mean_bend_m + 0.01, usual_m),
-        least_smooth_m=_least_smooth_m(terrain),
+        least_rough_m=min(between_m + 0.01, usual_m),
+        least_smooth_m=min(SMALLEST_SMOOTH_M, usual_m),
         largest_m=largest_dem_error_m,
     )
-
-
-def _least_smooth_m(terrain: Terrain) -> float:
-    return min(SMALLEST_SMOOTH_M, terrain.usual_error_m)
 
 
 def _dem_error(problem: Problem, here: Evaluation, telling: NDArray[np.bool_], largest: float) -> float:
@@ -100,7 +98,7 @@ def _dem_error(problem: Problem, here: Evaluation, telling: NDArray[np.bool_], l
     if not telling.any():
         return largest
     size = np.abs(here.residual[telling])
-    low, high = min(SMALLEST_DEM_ERROR_M, problem.terrain.usual_error_m), largest
+    low, high = min(SMALLEST_DEM_ERROR_M, problem.usual_error_m), largest
     if np.median(size / residual_sigma(problem, here, low)[telling]) <= 0.6745:
         return low
     for _ in range(30):

@@ -48,17 +48,21 @@ def places_around(
 
 
 def spread_around(
-    problem: Problem, start: Refined, noise: Noise, reach_cells: float, step_cells: float, blunting: float
+    problem: Problem, start: Refined, noise: Noise, reach_cells: float, step_cells: float, temperature: float
 ) -> Floats:
-    """Second moment (2, 2), metres east and north, about a fit of the likelihood on a lattice around it, its logarithm blunted.
+    """Second moment (2, 2), square metres east and north, about a fit of the likelihood on a lattice around it.
+
+    The logarithm of the likelihood is divided by ``temperature``.
 
     Where it has one narrow peak between the lattice's points there is next to nothing; where it is flat or has many peaks, how
     far these reach.
     """
     (costs,) = _lattice(problem, start, [noise], reach_cells, step_cells)
+    if not costs:
+        return np.zeros((2, 2))
     cost = np.array([c for c, _ in costs])
     off_m = np.array([x[[EAST, NORTH]] for _, x in costs])
-    share = np.exp((cost.min() - cost) / blunting)
+    share = np.exp((cost.min() - cost) / temperature)
     return np.asarray((share[:, None] * off_m).T @ off_m / share.sum())
 
 

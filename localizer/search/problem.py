@@ -15,6 +15,11 @@ Floats = NDArray[np.float64]
 
 EAST, NORTH, ALTITUDE, AZIMUTH_BIAS, TILT_BIAS, FIRST_FRAME = range(6)
 PER_FRAME = 3  # azimuth, tilt, roll
+CONTOUR_DISTANCE_CELLS = 330.0
+"""What neighbouring columns share where the DEM is the terrain itself is the contour's own error, whatever the distance: as if
+all of the horizon were as far away as this. A cell is then about a pixel."""
+USUAL_CONTOUR_SHARE, LARGEST_CONTOUR_SHARE = 0.05, 0.5
+"""Of the contour's sigma, what neighbouring columns share of it then; more, and the DEM is not the terrain."""
 BLOCK_RAD = np.radians(6.0)
 """Over which stretch of the horizon skylines of unrelated places differ by the same."""
 
@@ -63,6 +68,31 @@ class Problem:
             )
         # A sigma of zero is a promise nobody keeps; a millidegree keeps the equations solvable.
         self.prior_sigma_deg = np.maximum(prior, 1e-3)
+
+    @property
+    def contour_distance_m(self) -> float:
+        """From where the error is seen that neighbouring columns share in a DEM that is the terrain itself."""
+        return CONTOUR_DISTANCE_CELLS * self.terrain.cell_m
+
+    @property
+    def usual_error_m(self) -> float:
+        """What neighbouring columns are taken to share, until the residuals tell: the DEM's error, else the contour's own."""
+        if self.terrain.exact:
+            return USUAL_CONTOUR_SHARE * self._contour_sigma_m
+        return self.terrain.usual_error_m
+
+    @property
+    def largest_error_m(self) -> float:
+        """More of it is not believed of any place."""
+        return (
+            LARGEST_CONTOUR_SHARE * self._contour_sigma_m
+            if self.terrain.exact
+            else self.terrain.largest_error_m
+        )
+
+    @property
+    def _contour_sigma_m(self) -> float:
+        return float(np.median(self.sigma_rad)) * self.contour_distance_m
 
     def _along_the_horizon(self) -> tuple[NDArray[np.int64], Floats]:
         """All columns in the order of their azimuths, whichever frame they are in, and the steps between them (infinite first).

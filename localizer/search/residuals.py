@@ -28,11 +28,10 @@ SLOPE_STEP_RAD = np.radians(0.06)
 SECANT_STEP_M = 0.5
 BETWEEN_CELLS = 0.1
 """How far the ground between a DEM's cells lies from its surface, as a share of what that bends from cell to cell."""
+STEEPEST = 5.0
+"""A skyline steeper than this is no better known across itself."""
 LATERAL_SHARE = 0.5
 """A DEM errs sideways too; as a share of its vertical error."""
-CONTOUR_DISTANCE_CELLS = 330.0
-"""What neighbouring columns share where the DEM is the terrain itself is the contour's own error, whatever the distance: as if
-all of the horizon were as far away as this. A cell is then about a pixel."""
 
 
 @dataclass
@@ -42,7 +41,7 @@ class Evaluation:
     residual: Floats
     jacobian: Floats
     distance: Floats
-    """Of the horizon beyond ``Terrain.near_m``, which is what the residual is of."""
+    """Of the horizon beyond ``Terrain.near_m``, metres; the residual is of that."""
     near: NDArray[np.bool_]
     """Whether the DEM has something nearer that is higher, ..."""
     above: Floats
@@ -52,10 +51,11 @@ class Evaluation:
     guess_m: Floats
     """Where the horizon is, near or far."""
     slope: Floats
-    error_distance: Floats
-    """From how far away the DEM's error is seen."""
-    dem_error_share: Floats
-    """What the DEM's error is to be multiplied by where the horizon lies."""
+    """Of the skyline: its elevation by azimuth."""
+    error_per_m: Floats
+    """Radians in each column for a metre of the error that neighbouring columns share, ..."""
+    error_distance_m: Floats
+    """... which is correlated along a way that is seen from so far away."""
     ground_m: float
     ground_gradient: Floats
     ground_sigma_m: float
@@ -107,18 +107,30 @@ def evaluate(
     jacobian[index, FIRST_FRAME + PER_FRAME * frame_of + 2] = by_roll
     row_h, col_h = after(frame, row, col, d * np.sin(azimuth), d * np.cos(azimuth))
     rim = np.zeros(n, bool) if problem.believes_rim else terrain.is_rim(row_h, col_h)
+    steep2 = np.minimum(slope**2, STEEPEST**2)
     if terrain.exact:
-        error_distance, share, own = (
-            np.full(n, CONTOUR_DISTANCE_CELLS * terrain.cell_m),
-            np.ones(n),
-            EXACT_ERROR_M,
-        )
+        error_distance_m, own = np.full(n, problem.contour_distance_m), EXACT_ERROR_M
+        error_per_m = np.sqrt(1.0 + steep2) / problem.contour_distance_m
     else:
-        error_distance, share = d, np.sqrt(1.0 + terrain.roughness_at(row_h, col_h) ** 2)
+        error_distance_m = d
+        roughness2 = terrain.roughness_at(row_h, col_h) ** 2
+        error_per_m = np.sqrt(1.0 + LATERAL_SHARE**2 * steep2) * np.sqrt(1.0 + roughness2) / d
         bend_m = terrain.mean_bend_m * float(terrain.roughness_at(np.array([row]), np.array([col]))[0])
         own = float(np.hypot(BETWEEN_CELLS * bend_m, 0.1))
     return Evaluation(
-        residual, jacobian, d, near, above, rim, guess_m, slope, error_distance, share, ground, gradient, own
+        residual=residual,
+        jacobian=jacobian,
+        distance=d,
+        near=near,
+        above=above,
+        rim=rim,
+        guess_m=guess_m,
+        slope=slope,
+        error_per_m=error_per_m,
+        error_distance_m=error_distance_m,
+        ground_m=ground,
+        ground_gradient=gradient,
+        ground_sigma_m=own,
     )
 
 
@@ -137,14 +149,9 @@ def secants(
 
 
 def residual_sigma(problem: Problem, here: Evaluation, s: float) -> Floats:
-    """Standard deviations (n,) of the residuals: of the contour across itself, and of the DEM seen from afar."""
-    slope2 = np.minimum(here.slope**2, 25.0)
-    return np.asarray(
-        np.sqrt(
-            problem.sigma_rad**2 * (1.0 + slope2)
-            + (s * here.dem_error_share / here.error_distance) ** 2 * (1.0 + LATERAL_SHARE**2 * slope2)
-        )
-    )
+    """Standard deviations (n,) of the residuals: of the contour across itself, and of what neighbouring columns share."""
+    steep2 = np.minimum(here.slope**2, STEEPEST**2)
+    return np.asarray(np.sqrt(problem.sigma_rad**2 * (1.0 + steep2) + (s * here.error_per_m) ** 2))
 
 
 def place_of(x: Floats, origin: tuple[float, float], frame: Floats) -> tuple[float, float]:

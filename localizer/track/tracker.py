@@ -59,9 +59,9 @@ INSIDE = 0.9
 """Of its radius: a place nearer its edge may only be the way to one outside."""
 WIDEST_RADIUS_SHARE = 0.25
 """Of the DEM's side: a wider circle saves nothing."""
-EVIDENCE_KEPT, EVIDENCE_ENOUGH = 0.95, 2.0 * CERTAIN_EVIDENCE
+EVIDENCE_KEPT = 0.95
 """A true place explains one look about as well as the next; one found near a wrong place explains less. A search near by needs
-that share of the last look's evidence or that much of its own, or the whole DEM is asked."""
+that share of the last look's evidence, or the whole DEM is asked."""
 
 
 class TrackerError(SkyfixError):
@@ -151,7 +151,8 @@ def follow(
         fix = fix_of(terrain, observation, located, bundle_id, timing)
         kept = tuple(Posterior(h, None) for h in moved.now.hypotheses)
         return Step(bundle_id, mode, fix, kept, moved, None)
-    candidates = _candidates(located.decision, located.best)
+    decision = located.decision
+    candidates = list(zip(decision.candidates, (float(p) for p in decision.probabilities), strict=True))
     look = _look(terrain, located, candidates, area_m2)
     again = moved.since_m is not None and float(np.hypot(*moved.since_m)) < _same_spot_m(terrain)
     known = moved.before if again else moved.now
@@ -223,16 +224,6 @@ def _convinces(near: Located, circle: PriorCircle, tracker: Tracker, terrain: Te
         (best.row - float(row)) * terrain.dem.spacing_ns_m, (best.col - float(col)) * terrain.dem.spacing_ew_m
     )
     return bool(off_m <= INSIDE * circle.radius_m and best.evidence >= EVIDENCE_KEPT * tracker.look_evidence)
-
-
-def _candidates(decision: Decision, best: Refined) -> list[tuple[Refined, float]]:
-    """The search's candidates with their probabilities, the best of them as refined with all columns."""
-    pairs = list(zip(decision.candidates, (float(p) for p in decision.probabilities), strict=True))
-    off = [float(np.hypot(c.row - best.row, c.col - best.col)) for c, _ in pairs]
-    nearest = int(np.argmin(off))
-    if off[nearest] <= SAME_PLACE_CELLS:
-        pairs[nearest] = (best, pairs[nearest][1])
-    return pairs
 
 
 def _look(

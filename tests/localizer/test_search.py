@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -136,15 +137,27 @@ def test_a_dem_said_to_be_the_terrain_itself_is_taken_at_its_word_where_that_fit
 
 
 @pytest.mark.long
-def test_a_dem_wrongly_said_to_be_the_terrain_itself_is_doubted_all_the_same(terrain):
+@pytest.mark.parametrize(("rms_m", "reach_cells"), [(2.0, 0.0), (1.0, 3.0)])
+def test_a_dem_wrongly_said_to_be_the_terrain_itself_is_doubted_all_the_same(terrain, rms_m, reach_cells):
     observation = observe(terrain)
-    rng = np.random.default_rng(3)
-    rough = (terrain.dem.z_m + rng.normal(0.0, 2.0, terrain.dem.z_m.shape)).astype(np.float32)
-    wrong = prepare_terrain(dataclasses.replace(terrain.dem, z_m=rough))
+    off = np.random.default_rng(3).normal(0.0, 1.0, terrain.dem.z_m.shape)
+    if reach_cells:
+        off = cv2.GaussianBlur(off, (0, 0), reach_cells)
+    z_m = (terrain.dem.z_m + rms_m * off / off.std()).astype(np.float32)
+    wrong = prepare_terrain(dataclasses.replace(terrain.dem, z_m=z_m))
     doubted, trusted = locate(wrong, observation), locate(said_to_be(wrong, 0.0), observation)
     assert trusted.decision.status == doubted.decision.status != "none"
     assert (trusted.best.row, trusted.best.col) == (doubted.best.row, doubted.best.col)
     assert trusted.best.dem_error_m > 0.5
+
+
+@pytest.mark.parametrize("beyond_cells", [2, 5])
+def test_a_camera_just_beyond_the_end_of_the_dem_is_nowhere(terrain, beyond_cells):
+    place, dem = (200.1, 500.5), terrain.dem
+    south = dem_from_array(dem.z_m[round(place[0]) + beyond_cells :], dem.transform, dem.crs)
+    located = locate(prepare_terrain(south), observe(terrain, place))
+    assert located.decision.status == "none"
+    assert located.best is None
 
 
 def test_the_search_sets_out_from_the_error_that_a_dem_is_said_to_have(terrain):
