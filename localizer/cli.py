@@ -12,7 +12,7 @@ from localizer.bundle import frame_image, load_bundle
 from localizer.command_line import OutputFolder, check_picture_path, writing
 from localizer.completion import completion_command, folders
 from localizer.dem import Dem
-from localizer.dem_info import dem_info, info_fields, info_text, suspect_zeros, zeros_note
+from localizer.dem_info import dem_info, dem_notes, info_fields, info_text
 from localizer.dem_options import (
     DemChoice,
     dem_choice,
@@ -21,7 +21,7 @@ from localizer.dem_options import (
     dem_option,
 )
 from localizer.predict.command import predict
-from localizer.report import frame_notes, load_truth, report
+from localizer.report import load_truth, notes, report
 
 
 def main() -> NoReturn:
@@ -94,7 +94,7 @@ def locate(
     from localizer.locate import locate_bundle  # slow to import, and bad input should be told at once
 
     result = locate_bundle(bundle, dem)
-    for note in frame_notes(result.details):
+    for note in notes(result, bundle, dem):
         click.echo(f"localizer: {note}", err=True)
     click.echo(result.fix.to_json() if as_json else report(result.fix, dem, truth))
     if plot_path is not None or report_folder is not None:
@@ -182,11 +182,10 @@ def track(
 
 
 def _load(chosen_dem: DemChoice) -> Dem:
-    """The DEM to search in, with a note on what may be voids."""
+    """The DEM to search in, with notes on it."""
     dem = chosen_dem.load()
-    zeros = suspect_zeros(dem.z_m)
-    if zeros:
-        click.echo(f"localizer: {zeros_note(zeros)}", err=True)
+    for note in dem_notes(dem):
+        click.echo(f"localizer: {note}", err=True)
     return dem
 
 

@@ -41,6 +41,12 @@ def run(command: click.Command, program: str) -> NoReturn:
         _fail(program, str(error), error.exit_status)
     except (click.Abort, KeyboardInterrupt):
         _fail(program, "interrupted", INTERRUPTED)
+    except SystemError as error:
+        if not isinstance(
+            error.__cause__ or error.__context__, KeyboardInterrupt
+        ):  # as compiled code passes it on
+            raise
+        _fail(program, "interrupted", INTERRUPTED)
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         if error.errno == errno.ENOSPC:

@@ -94,7 +94,8 @@ def _convinces(answer: Located, shares: Mapping[str, float], left_out: str, trie
 def _agreements(terrain: Terrain, observation: Observation, answer: Located) -> dict[str, float]:
     if answer.best is None:
         return {}
-    doubted = terrain.doubted()  # whatever is said of the DEM: no frame goes because a stone stands before it
+    # even where the DEM is said to be the terrain: no frame goes because a stone stands before it
+    doubted = terrain.doubted() if terrain.exact else terrain
     shares = {
         frame.label: frame_agreement(doubted, frame, answer.best)
         for frame in observation.frames

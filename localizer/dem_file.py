@@ -50,6 +50,8 @@ class DemFile:
     vertical_unit_from: str
     """Who said so: "option", "band", "CRS" or "assumed"."""
     voids: int
+    overruled: tuple[str, ...] = ()
+    """What the file says and an option says otherwise, in words."""
 
 
 @dataclass(frozen=True)
@@ -95,10 +97,11 @@ def _tile_of(
     _check_layout(dataset, path)
     stated_crs = _crs_of(dataset, path, crs)
     unit, unit_from = _vertical_unit(dataset, path, stated_crs, vertical_unit)
+    overruled = _overruled(dataset, path, stated_crs, crs, vertical_unit)
     raw = dataset.read(1, masked=True)
     z_m = raw.astype(np.float64).filled(np.nan)
     if nodata is not None:
-        z_m[z_m == nodata] = np.nan
+        z_m[raw.data == np.asarray(nodata).astype(raw.dtype)] = np.nan
     z_m = (z_m * dataset.scales[0] + dataset.offsets[0]) * VERTICAL_UNITS[unit]
     with np.errstate(invalid="ignore"):
         z_m[~((z_m >= LOWEST_M) & (z_m <= HIGHEST_M))] = np.nan
@@ -119,6 +122,7 @@ def _tile_of(
             vertical_unit=unit,
             vertical_unit_from=unit_from,
             voids=voids,
+            overruled=overruled,
         ),
     )
 
@@ -154,6 +158,29 @@ def _crs_of(dataset: "DatasetReader", path: Path, option: str | None) -> CRS:
     return crs if option is not None else _named(crs, dataset)
 
 
+def _overruled(
+    dataset: "DatasetReader", path: Path, taken: CRS, crs: str | None, vertical_unit: str | None
+) -> tuple[str, ...]:
+    """A mistaken option moves a fix by kilometres: what the file says otherwise must not go unsaid."""
+    notes = []
+    if crs is not None and dataset.crs:
+        own = _named(CRS.from_wkt(dataset.crs.to_wkt()), dataset)
+        if not own.to_2d().equals(taken.to_2d(), ignore_axis_order=True):
+            notes.append(f"{path}: says {own.name}; --crs takes it for {taken.name}")
+    if vertical_unit is not None and dataset.units[0]:
+        own_unit = _unit_named(dataset.units[0])
+        if own_unit is not None and own_unit != vertical_unit:
+            notes.append(
+                f"{path}: says its elevations are in {own_unit}; --vertical-unit takes them for {vertical_unit}"
+            )
+    return tuple(notes)
+
+
+def _unit_named(name: str) -> str | None:
+    """Which of ``VERTICAL_UNITS`` a file means."""
+    return next((unit for unit, names in _UNIT_NAMES.items() if name.strip().lower() in names), None)
+
+
 def _named(crs: CRS, dataset: "DatasetReader") -> CRS:
     """The CRS as EPSG lists it where that is the same one; USGS DEMs, for one, do not name theirs."""
     code = crs.to_epsg()
@@ -173,9 +200,9 @@ def _vertical_unit(dataset: "DatasetReader", path: Path, crs: CRS, option: str |
         return option, "option"
     band_unit = dataset.units[0]
     if band_unit:
-        for unit, names in _UNIT_NAMES.items():
-            if band_unit.strip().lower() in names:
-                return unit, "band"
+        named = _unit_named(band_unit)
+        if named is not None:
+            return named, "band"
         raise DemError(f"{path}: its vertical unit {band_unit!r} is unknown; name it with --vertical-unit")
     for axis in crs.axis_info:
         if axis.direction in ("up", "down"):

@@ -136,9 +136,15 @@ def info_text(dem: Dem, info: DemInfo) -> str:
         f"(grid from true north, in {dem.metric_crs.name})",
         f"declination   {declination}",
     ]
-    if info.suspect_zeros:
-        lines.append(f"note          {zeros_note(info.suspect_zeros)}")
+    lines += [f"note          {note}" for note in dem_notes(dem)]
     return "\n".join(lines)
+
+
+def dem_notes(dem: Dem) -> list[str]:
+    """What whoever searches in a DEM should know of it, one line each."""
+    zeros = suspect_zeros(dem.z_m)
+    overruled = [note for file in dem.files for note in file.overruled]
+    return overruled + ([zeros_note(zeros)] if zeros else [])
 
 
 def zeros_note(count: int) -> str:

@@ -6,7 +6,7 @@ from io import BytesIO
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, UnidentifiedImageError
 
 from localizer.errors import SkyfixError
 
@@ -36,8 +36,12 @@ def decode_picture(content: bytes, width_px: int, height_px: int) -> NDArray[np.
                         f"but camera.width_px x camera.height_px is {width_px} x {height_px}"
                     )
                 return _pixels(picture)
+    except UnidentifiedImageError:
+        raise PictureError(f"is not a picture that can be read (neither {' nor '.join(FORMATS)})") from None
+    except Image.DecompressionBombError:
+        raise PictureError("is not a picture that can be read (it has far too many pixels)") from None
     # what the library's decoders raise on broken files, all of it about the content
-    except (OSError, SyntaxError, ValueError, EOFError, Image.DecompressionBombError) as error:
+    except (OSError, SyntaxError, ValueError, EOFError) as error:
         raise PictureError(f"is not a picture that can be read ({error})") from None
 
 

@@ -9,9 +9,10 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pyproj import CRS
 from pyproj.exceptions import CRSError
 
+from localizer.bundle import Bundle
 from localizer.crs import WGS84, transform_xy
 from localizer.dem import Dem
-from localizer.details import CONTRADICTS, LocateDetails
+from localizer.details import CONTRADICTS, LocateDetails, LocateResult
 from localizer.errors import SkyfixError
 from localizer.fix import Fix, Position
 from localizer.geodesy import meridian_convergence_deg
@@ -67,7 +68,9 @@ def load_truth(path: Path) -> Truth:
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         field = ".".join(str(part) for part in first["loc"])
-        raise SkyfixError(f"{path}: {field}{': ' if field else ''}{first['msg']}") from None
+        raise SkyfixError(
+            f"{path}: {field}{': ' if field else ''}{first['msg']}; a truth has easting_m, northing_m and crs"
+        ) from None
     except CRSError:
         raise SkyfixError(f"{path}: crs: {truth.crs} is not a coordinate reference system") from None
     if not crs.is_projected:
@@ -118,6 +121,24 @@ def report(fix: Fix, dem: Dem, truth: Truth | None = None) -> str:
     return "\n".join(lines)
 
 
+def notes(result: LocateResult, bundle: Bundle, dem: Dem) -> list[str]:
+    """What a person should know beside the fix, one line each: of single frames, and why nothing may have been found."""
+    said = frame_notes(result.details)
+    errors, stage1 = result.details.errors, result.fix.stage1
+    if dem.error_m == 0.0 and errors is not None and errors.dem_error_m > 0.0:
+        said.append(
+            "the DEM does not explain the frames as the terrain itself would (--dem-error 0); its error was estimated instead"
+        )
+    looked = any(np.count_nonzero(frame.used) > 1 for frame in result.details.frames)
+    if result.fix.status == "none" and looked and stage1.after_altitude == 0:
+        where = "in the DEM" if bundle.prior is None else "in the circle of the bundle's prior"
+        said.append(
+            f"no ground {where} lies as high as the altitude and the mast's height say; check these, the unit of the DEM's "
+            f"elevations{'' if bundle.prior is None else ', and the prior'}"
+        )
+    return said
+
+
 def frame_notes(details: LocateDetails) -> list[str]:
     """What a person should know of single frames, one line each; none where all of them were used and agree."""
     notes = []
@@ -134,8 +155,8 @@ def frame_notes(details: LocateDetails) -> list[str]:
             notes.append(f"frame {frame.label}: only {share} of its skyline fits the place found")
         if frame.rim_share > MUCH_AT_RIM:
             notes.append(
-                f"frame {frame.label}: {frame.rim_share:.0%} of its horizon lies where the DEM ends, and tells nothing; "
-                "a larger DEM would help"
+                f"frame {frame.label}: {frame.rim_share:.0%} of its horizon lies where the DEM ends or has voids, and "
+                "tells nothing; a DEM that goes on there would help"
             )
     return notes
 
@@ -178,9 +199,10 @@ def _search_lines(fix: Fix) -> list[str]:
         residual = "  ".join(f"{label} {value:.2f}" for label, value in fix.residual.items())
         lines.append(f"residual    {residual}  px")
     if fix.nuisance is not None:
+        altitude_bias_m = fix.nuisance.altitude_bias_m  # exactly 0 where there is no altimeter
+        altitude = f"  altitude {altitude_bias_m:+.1f} m" if altitude_bias_m else ""
         lines.append(
-            f"biases      azimuth {fix.nuisance.azimuth_bias_deg:+.3f}°  tilt {fix.nuisance.tilt_bias_deg:+.3f}°  "
-            f"altitude {fix.nuisance.altitude_bias_m:+.1f} m"
+            f"biases      azimuth {fix.nuisance.azimuth_bias_deg:+.3f}°  tilt {fix.nuisance.tilt_bias_deg:+.3f}°{altitude}"
         )
     timing = "  ".join(f"{part} {seconds:.2f}" for part, seconds in fix.timing_s.items())
     lines.append(f"time        {timing}  s")

@@ -109,7 +109,7 @@ def capture(
     config = load_config(config_path(config_file))
     directions = directions or config.capture.parsed_directions()
     out_dir = out_dir or config.rig.bundle_dir
-    dem = (chosen_dem if chosen_dem.paths else _configured_dem(config)).load() if locate else None
+    dem = _load(chosen_dem if chosen_dem.paths else _configured_dem(config)) if locate else None
     with _telemetry(config, telemetry_file):
         if repeat > 1:
             return _take_series(config, directions, out_dir, repeat, every_s, fresh, as_json)
@@ -149,12 +149,13 @@ def _take_one(
     status = 0
     if dem is not None:
         from localizer.locate import locate_bundle
-        from localizer.report import frame_notes
+        from localizer.report import notes
         from localizer.report import report as fix_report
 
-        located = locate_bundle(load_bundle(bundle_dir), dem)
+        bundle = load_bundle(bundle_dir)
+        located = locate_bundle(bundle, dem)
         fix = located.fix
-        for note in frame_notes(located.details):
+        for note in notes(located, bundle, dem):
             click.echo(f"rig: {note}", err=True)
         found["fix"] = json.loads(fix.to_json()) if as_json else None
         if not as_json:
@@ -202,6 +203,16 @@ def _take_series(
         finally:
             reports.ends()
     return 2 if any(outcome.reason for outcome in series.outcomes.values()) else 0
+
+
+def _load(chosen_dem: DemChoice) -> "Dem":
+    """With notes on what is loaded."""
+    from localizer.dem_info import dem_notes
+
+    dem = chosen_dem.load()
+    for note in dem_notes(dem):
+        click.echo(f"rig: {note}", err=True)
+    return dem
 
 
 def _configured_dem(config: RigConfig) -> DemChoice:

@@ -135,13 +135,20 @@ def run_(
 @click.option(
     "--azimuth",
     "azimuths_deg",
-    type=FiniteRange(),
+    type=FiniteRange(-360.0, 360.0),
     multiple=True,
     default=(0.0, 90.0, 180.0, 270.0),
     show_default=True,
     help="True azimuth to look at, degrees; may be repeated.",
 )
-@click.option("--tilt", "tilt_deg", type=FiniteRange(-60.0, 60.0), default=4.0, show_default=True)
+@click.option(
+    "--tilt",
+    "tilt_deg",
+    type=FiniteRange(-60.0, 60.0),
+    default=4.0,
+    show_default=True,
+    help="How far to look up, degrees.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object: the files and the truth.")
 @one_line_failures
 def render(

@@ -31,7 +31,7 @@ from localizer.export.tables import (
     timing_table,
 )
 from localizer.fix import Fix, Status
-from localizer.report import Truth, frame_notes, lat_lon, sigmas_off
+from localizer.report import Truth, lat_lon, notes, sigmas_off
 
 MEANING: dict[Status, str] = {
     "fix": "One place stands out: from there the terrain has the skyline of the frames, and from nowhere else in this "
@@ -82,7 +82,7 @@ def page(
         headline=_headline(fix),
         meaning=MEANING[fix.status],
         facts=_facts(result, dem, places, truth),
-        warnings=frame_notes(result.details),
+        warnings=notes(result, bundle, dem),
         taken=f"{bundle.created:%Y-%m-%d %H:%M:%S} UTC",
         dem_text=_dem_text(dem),
         files=[{"name": name, "what": what} for name, what in files],

@@ -20,6 +20,8 @@ from localizer.horizon.work_image import WorkImage, reduce_image
 
 CONFIDENT = 0.5
 """Columns with at least this confidence are what the search uses."""
+LEAST_PX = 16
+"""Less shows no skyline."""
 
 
 class ColumnState(IntEnum):
@@ -52,24 +54,21 @@ def find_skyline(image_bgr: NDArray[np.uint8]) -> Skyline:
     """Find the skyline in a picture.
 
     Args:
-        image_bgr: (height, width, 3), at least 16 x 16.
+        image_bgr: (height, width, 3).
 
     Returns:
-        The skyline, arrays of length width. A picture without a skyline has NO_SKY or NO_TERRAIN in all columns; the
-        border around a scanned one has NO_SKY.
+        The skyline, arrays of length width. A picture without a skyline has NO_SKY or NO_TERRAIN in all columns, one of less
+        than LEAST_PX in height or width NO_TERRAIN; the border around a scanned one has NO_SKY.
 
     Raises:
         ValueError: the array has another shape or type.
     """
-    if (
-        image_bgr.ndim != 3
-        or image_bgr.shape[2] != 3
-        or image_bgr.dtype != np.uint8
-        or min(image_bgr.shape[:2]) < 16
-    ):
+    if image_bgr.ndim != 3 or image_bgr.shape[2] != 3 or image_bgr.dtype != np.uint8:
         raise ValueError(
-            f"picture of shape {image_bgr.shape}, {image_bgr.dtype}: give (height, width, 3) in uint8, 16 x 16 or more"
+            f"picture of shape {image_bgr.shape}, {image_bgr.dtype}: give (height, width, 3) in uint8"
         )
+    if min(image_bgr.shape[:2]) < LEAST_PX:
+        return _without(image_bgr.shape[1], ColumnState.NO_TERRAIN)
     rows, columns = inside_border(image_bgr)
     inside = _in_picture(np.ascontiguousarray(image_bgr[rows, columns]))
     if inside.state.size == image_bgr.shape[1]:

@@ -81,10 +81,10 @@ def _lattice(
         for north in ticks:
             moved = x.copy()
             moved[EAST], moved[NORTH] = east, north
-            ground, _ = ground_at(problem, moved, origin, frame)
-            if not np.isfinite(ground):
+            if not terrain.dem.covers(*place_of(moved, origin, frame)):
                 continue
-            if np.isfinite(here.ground_m):
+            ground, _ = ground_at(problem, moved, origin, frame)
+            if np.isfinite(ground - here.ground_m):
                 moved[ALTITUDE] += ground - here.ground_m
             there = evaluate(problem, moved, origin, frame, here.guess_m)
             for noise, costs in zip(noises, found, strict=True):

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Literal
 
 import click
+from click.core import ParameterSource
 
 from localizer.command_line import OutputFolder, dem_files_option, prepare_folder
 from sim.failures import one_line_failures
@@ -80,6 +81,7 @@ def evaluate(
     Example: sim evaluate --dem dem.tif --scenario configs/scenarios/evaluate/realistic.toml --cases 200 --out results
     """
     if photos_dir is not None:
+        _refuse_what_is_of_cases()
         from sim.evaluate.photos.command import photos_command
 
         return photos_command(photos_dir, folder, as_json)
@@ -106,3 +108,15 @@ def evaluate(
     text = write_report(rows, scenario_path.stem, folder)
     click.echo((folder / "summary.json").read_text(encoding="utf-8").strip() if as_json else text)
     return 0
+
+
+def _refuse_what_is_of_cases() -> None:
+    """Options that photographs have no use for: whoever gives one expects something that is not done."""
+    context = click.get_current_context()
+    for parameter in context.command.params:
+        name = parameter.name or ""
+        given = context.get_parameter_source(name) is ParameterSource.COMMANDLINE
+        if given and name not in ("photos_dir", "folder", "as_json"):
+            raise click.UsageError(
+                f"--photos goes with --out and --json alone; leave {parameter.opts[0]} away."
+            )

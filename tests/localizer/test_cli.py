@@ -1,3 +1,4 @@
+import dataclasses
 import errno
 import json
 import os
@@ -76,6 +77,14 @@ def test_dem_info_points_at_zeros_that_look_like_voids(run, write_raster, ramp):
     assert json.loads(out)["files"][0]["voids"] == 2
     # ground at sea level is none of them
     assert "note" not in run("dem", "info", write_raster(ramp))[1]
+
+
+def test_what_an_option_says_otherwise_than_the_file_is_told(run, write_raster, ramp):
+    path = write_raster(ramp, crs="EPSG:32611", unit="m")
+    out = run("dem", "info", path, "--crs", "EPSG:32610", "--vertical-unit", "ft")[1]
+    assert "says WGS 84 / UTM zone 11N; --crs takes it for WGS 84 / UTM zone 10N" in out
+    assert "says its elevations are in m; --vertical-unit takes them for ft" in out
+    assert "note" not in run("dem", "info", path, "--crs", "EPSG:32611", "--vertical-unit", "m")[1]
 
 
 def test_dem_info_across_the_date_line_runs_from_west_to_east(run, write_raster, ramp):
@@ -276,6 +285,28 @@ def test_locate_warns_of_zeros_that_look_like_voids_on_standard_error(
     assert code == 0
     assert json.loads(out)["status"] == "fix"
     assert re.fullmatch(r"localizer: 100 cells of 0 .* --nodata 0\n", err)
+
+
+def test_locate_says_why_nothing_may_have_been_found(run, searched, monkeypatch, bundle_dir, dem_file):
+    searched("none")
+    seen = dataclasses.replace(a_result("none").details.frames[0], used=np.ones(9, bool))
+    stage1 = Stage1Counts(cells=2000, after_altitude=0, after={}, points_explored=0)
+    nowhere = a_result("none").fix.model_copy(update={"stage1": stage1})
+    result = dataclasses.replace(
+        a_result("none"), fix=nowhere, details=dataclasses.replace(a_result("none").details, frames=(seen,))
+    )
+    monkeypatch.setattr("localizer.locate.locate_bundle", lambda bundle, dem: result)
+    code, _, err = run("locate", bundle_dir, "--dem", dem_file)
+    assert code == 4
+    assert "no ground in the DEM lies as high as the altitude and the mast's height say" in err
+
+
+def test_locate_interrupted_in_compiled_code_says_so(run, monkeypatch, bundle_dir, dem_file):
+    def locate_bundle(bundle, dem):
+        raise SystemError("returned a result with an exception set") from KeyboardInterrupt()
+
+    monkeypatch.setattr("localizer.locate.locate_bundle", locate_bundle)
+    assert run("locate", bundle_dir, "--dem", dem_file) == (130, "", "localizer: interrupted\n")
 
 
 def test_the_search_is_told_what_is_said_of_the_dem(run, refused, searched, bundle_dir, dem_file):

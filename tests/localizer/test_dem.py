@@ -112,6 +112,12 @@ def test_nodata_counts_in_the_file_s_own_unit(write_raster, ramp):
     assert np.argwhere(np.isnan(dem.z_m)).tolist() == [[2, 4]]
 
 
+def test_nodata_that_is_no_round_number_in_the_file_s_own_precision(write_raster, ramp):
+    z = ramp.astype(np.float32)
+    z[1, 2] = -9.99
+    assert np.argwhere(np.isnan(load_dem([write_raster(z)], nodata=-9.99).z_m)).tolist() == [[1, 2]]
+
+
 # ---- orientation
 
 

@@ -84,6 +84,13 @@ def test_a_column_under_the_frames_edge_says_that_it_has_no_sky():
     assert np.isnan(skyline.row_px[skyline.state == ColumnState.NO_SKY]).all()
 
 
+@pytest.mark.parametrize("size", [(1, 1), (15, 640), (480, 9)])
+def test_a_picture_of_a_few_pixels_has_no_skyline(size):
+    skyline = find_skyline(np.zeros((*size, 3), np.uint8))
+    assert (skyline.state == ColumnState.NO_TERRAIN).all()
+    assert skyline.row_px.shape == (size[1],)
+
+
 @pytest.mark.parametrize("size", [(120, 160), (720, 1280), (519, 1388)])
 def test_pictures_may_have_any_size(size):
     height, width = size

@@ -154,6 +154,8 @@ def test_two_real_photographs_are_traced(skyfix_data: Path):
     [
         ([], "--photos"),
         (["--photos", "nowhere"], "nowhere: not there"),
+        (["--photos", "nowhere", "--cases", "3"], "leave --cases away"),
+        (["--photos", "nowhere", "--dem", "x.tif"], "leave --dem away"),
     ],
 )
 def test_the_command_says_in_one_line_what_is_missing(arguments, said, monkeypatch, capsys):
