@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from localizer.crs import short_name
 from localizer.fix import Candidate, Fix, Nuisance, Position, Stage1Counts
 from localizer.geodesy import enu_to_metric_jacobian, rowcol_to_lonlat, rowcol_to_metric
 from localizer.horizon.from_terrain import Terrain
@@ -59,7 +60,7 @@ def fix_of(
         position = Position(
             easting_m=float(easting),
             northing_m=float(northing),
-            crs=dem.metric_crs.to_string(),
+            crs=short_name(dem.metric_crs),
             lat_deg=float(lat),
             lon_deg=float(lon),
             ground_m=ground if np.isfinite(ground) else best.altitude_m - observation.mast_height_m,

@@ -8,6 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 from pyproj import CRS, Transformer
 
 WGS84 = CRS.from_epsg(4326)
+LONGEST_NAME = 30
+"""Of a CRS; WKT is longer."""
 
 
 @lru_cache(maxsize=64)
@@ -87,3 +89,9 @@ def utm_crs(lon_deg: float, lat_deg: float) -> CRS:
 def short_name(crs: CRS) -> str:
     """``EPSG:26910`` where the CRS has such a code, else its WKT."""
     return crs.to_string()
+
+
+def readable_name(crs: CRS) -> str:
+    """The same for people, who can do nothing with WKT."""
+    name = short_name(crs)
+    return name if len(name) < LONGEST_NAME else str(crs.name)

@@ -18,7 +18,7 @@ from localizer.dem import Dem
 from localizer.details import FrameDetail, LocateDetails, LocateResult
 from localizer.fix import Fix
 from localizer.geodesy import metric_to_rowcol, rowcol_to_metric
-from localizer.relief import draw_relief
+from localizer.relief import dem_bounds_m, draw_relief
 from localizer.report import CHI2_95, Truth, ellipse, lat_lon
 
 Floats = NDArray[np.float64]
@@ -106,6 +106,7 @@ def _draw_frames(
 
 
 def draw_frame(axes: Axes, image: NDArray[np.uint8], frame: FrameDetail, residual_px: float | None) -> None:
+    """A frame (height, width, 3) BGR with the skylines found and predicted; ``residual_px``: rms of those columns that fit."""
     height_px, width_px = image.shape[:2]
     axes.imshow(image[:, :, ::-1], interpolation="antialiased")
     for chosen, colour in ((~frame.used, DOUBTFUL), (frame.used, FOUND)):
@@ -138,16 +139,7 @@ def _broken_line(u_px: Floats, v_px: Floats) -> tuple[Floats, Floats]:
 
 def draw_map(axes: Axes, result: LocateResult, dem: Dem, truth: Truth | None) -> None:
     """The whole DEM, in kilometres of its metric CRS, with what each step of stage 1 left."""
-    corner_easting_m, corner_northing_m = rowcol_to_metric(
-        dem, [0.0, 0.0, dem.rows - 1, dem.rows - 1], [0.0, dem.cols - 1, 0.0, dem.cols - 1]
-    )
-    bounds_m = (
-        corner_easting_m.min(),
-        corner_easting_m.max(),
-        corner_northing_m.min(),
-        corner_northing_m.max(),
-    )
-    draw_relief(axes, dem, bounds_m, unit_m=1000.0)
+    draw_relief(axes, dem, dem_bounds_m(dem), unit_m=1000.0)
     for _, cells, colour, area in stages(result.details):
         easting_m, northing_m = rowcol_to_metric(dem, cells[:, 0], cells[:, 1])
         axes.scatter(
@@ -260,6 +252,7 @@ TRUE_MARKS = (
 
 
 def few_ticks(axes: Axes, most: int) -> None:
+    """At round numbers that are written out, ``most`` of them along each axis."""
     axes.tick_params(labelsize=9)
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(MaxNLocator(nbins=most, steps=[1, 2, 5, 10]))

@@ -10,7 +10,7 @@ from pyproj import CRS
 from pyproj.exceptions import CRSError
 
 from localizer.bundle import Bundle
-from localizer.crs import WGS84, transform_xy
+from localizer.crs import WGS84, readable_name, transform_xy
 from localizer.dem import Dem
 from localizer.details import CONTRADICTS, LocateDetails, LocateResult
 from localizer.errors import SkyfixError
@@ -173,10 +173,9 @@ def _off(fix: Fix, truth: Truth, dem: Dem) -> str:
 
 
 def _position_lines(fix: Fix, position: Position, dem: Dem) -> list[str]:
-    crs = position.crs if len(position.crs) < 30 else dem.metric_crs.name
     lines = [
         f"position    {lat_lon(position)}  (WGS84)",
-        f"            {position.easting_m:.1f} E  {position.northing_m:.1f} N  ({crs})",
+        f"            {position.easting_m:.1f} E  {position.northing_m:.1f} N  ({readable_name(dem.metric_crs)})",
         f"            row {position.row:.2f}  col {position.col:.2f}  ground {position.ground_m:.1f} m",
     ]
     if fix.covariance_m2 is not None:

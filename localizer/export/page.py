@@ -8,7 +8,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from numpy.typing import NDArray
 
 from localizer.bundle import Bundle
-from localizer.crs import short_name
+from localizer.crs import readable_name
 from localizer.dem import Dem
 from localizer.details import LocateResult
 from localizer.export.figures import (
@@ -124,7 +124,7 @@ def _facts(
     best, position = places[0], fix.position
     facts = [
         (
-            f"easting, northing ({_crs_name(dem)})",
+            f"easting, northing ({readable_name(dem.metric_crs)})",
             f"{position.easting_m:.1f}  {position.northing_m:.1f}",
         ),
         (
@@ -148,11 +148,6 @@ def _dem_text(dem: Dem) -> str:
         f"{names + ', ' if names else ''}{dem.rows} x {dem.cols} cells of {dem.spacing_ns_m:.1f} m x "
         f"{dem.spacing_ew_m:.1f} m, {dem.crs.name}"
     )
-
-
-def _crs_name(dem: Dem) -> str:
-    name = short_name(dem.metric_crs)
-    return name if len(name) < 30 else dem.metric_crs.name
 
 
 def _base64(content: bytes) -> str:

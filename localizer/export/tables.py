@@ -15,6 +15,8 @@ FAR_SIGMAS = 3.0
 
 @dataclass(frozen=True)
 class Cell:
+    """One entry of a table, as it is shown."""
+
     text: str
     far: bool = False
     """Whether it deserves a second look."""
@@ -22,6 +24,8 @@ class Cell:
 
 @dataclass(frozen=True)
 class Table:
+    """Heads and rows of as many cells each."""
+
     heads: tuple[str, ...]
     rows: tuple[tuple[Cell, ...], ...]
     text_columns: frozenset[int]

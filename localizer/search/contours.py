@@ -45,8 +45,8 @@ class MeasuredSkyline:
     """The skyline of all frames over the measured azimuth, in bins of STEP_DEG whose centres are whole multiples of it.
 
     ``elevation_deg`` (BINS,): NaN where no frame looked. ``sigma_deg`` (BINS,): what its noise, the frames' own azimuth, tilt
-    and roll errors and the skyline's slope across them leave uncertain. ``low_deg``, ``high_deg``: the range of the contour
-    over a bin widened by the frames' azimuth errors.
+    and roll errors and the skyline's slope across them leave uncertain. ``slope`` (BINS,): degrees of elevation per degree of
+    azimuth. ``centres_deg``: measured azimuth of each frame's principal point, by label.
     """
 
     elevation_deg: Floats

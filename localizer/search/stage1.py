@@ -48,6 +48,7 @@ class Stage1:
 
     @property
     def last(self) -> Cells:
+        """Cells (n, 2), row and column, that all steps left."""
         return list(self.survivors.values())[-1]
 
 

@@ -53,6 +53,7 @@ class Mixture(BaseModel):
 
     @property
     def elsewhere(self) -> float:
+        """The probability of none of them."""
         return max(0.0, 1.0 - sum(h.probability for h in self.hypotheses))
 
 

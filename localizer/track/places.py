@@ -45,10 +45,12 @@ class Place(BaseModel):
 
     @property
     def covariance(self) -> Floats:
+        """(2, 2), square metres of true east and north."""
         return np.array(self.covariance_enu_m2)
 
     @property
     def common(self) -> Floats:
+        """(2, 2), square metres: what of it another look from near by would share."""
         return np.array(self.common_enu_m2)
 
     @property

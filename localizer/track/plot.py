@@ -13,9 +13,9 @@ from matplotlib.patches import Ellipse, Rectangle
 from numpy.typing import NDArray
 
 from localizer.dem import Dem
-from localizer.geodesy import enu_to_metric_jacobian, rowcol_to_metric
+from localizer.geodesy import enu_to_metric_jacobian
 from localizer.plot import TRUE_MARKS
-from localizer.relief import draw_relief
+from localizer.relief import dem_bounds_m, draw_relief
 from localizer.report import CHI2_95, Truth, ellipse, lat_lon
 from localizer.track.odometry import Odometry
 from localizer.track.report import TrackHypothesis, TrackLine, track_line
@@ -46,7 +46,7 @@ def draw_track(
         2, 2, height_ratios=(1.0, 0.1), left=0.05, right=0.985, bottom=0.02, top=0.9, hspace=0.18, wspace=0.12
     )
     whole, near = figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[0, 1])
-    everything = _whole(dem)
+    everything = dem_bounds_m(dem)
     draw_relief(whole, dem, everything, unit_m=1000.0)
     _draw_hypotheses(whole, lines, 1000.0, (0.0, 0.0))
     zoom = _zoom(lines, truths, dem, everything)
@@ -76,13 +76,6 @@ def _title(lines: Sequence[TrackLine]) -> str:
     last = lines[-1].fix
     where = f": {lat_lon(last.position)}" if last.position is not None else ""
     return f"{len(lines)} bundles, the last {last.status}{where}     probability {last.probability:.3f}"
-
-
-def _whole(dem: Dem) -> Bounds:
-    easting_m, northing_m = rowcol_to_metric(
-        dem, [0.0, 0.0, dem.rows - 1, dem.rows - 1], [0.0, dem.cols - 1, 0.0, dem.cols - 1]
-    )
-    return float(easting_m.min()), float(easting_m.max()), float(northing_m.min()), float(northing_m.max())
 
 
 def _zoom(lines: Sequence[TrackLine], truths: Sequence[Truth], dem: Dem, everything: Bounds) -> Bounds:

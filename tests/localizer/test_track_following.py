@@ -120,6 +120,18 @@ def track(scene: Scene, *looks: tuple[Movement | None, Observation], tracker: Tr
     return steps
 
 
+@pytest.fixture(scope="module")
+def west_alone(scene):
+    """What the search says of the western spot of crater 0."""
+    return locate(scene.terrain, scene.look(0, WEST_SPOT))
+
+
+@pytest.fixture(scope="module")
+def first_steps(scene):
+    """Of tracks that begin at the western spots of craters 0 and 2."""
+    return {number: track(scene, (None, scene.look(number, WEST_SPOT)))[0] for number in (0, 2)}
+
+
 def blinded(observation: Observation) -> Observation:
     """The same in fog."""
     empty = np.zeros(0)
@@ -131,11 +143,12 @@ def blinded(observation: Observation) -> Observation:
     )
 
 
-def test_a_known_drive_of_200_m_settles_what_neither_look_alone_can(scene):
-    west, east = scene.look(0, WEST_SPOT), scene.look(0, EAST_SPOT)
-    assert locate(scene.terrain, west).decision.status == "ambiguous"
+def test_a_known_drive_of_200_m_settles_what_neither_look_alone_can(scene, first_steps, west_alone):
+    east = scene.look(0, EAST_SPOT)
+    assert west_alone.decision.status == "ambiguous"
     assert locate(scene.terrain, east).decision.status == "ambiguous"
-    first, second = track(scene, (None, west), (driven(200.0), east))
+    first = first_steps[0]
+    (second,) = track(scene, (driven(200.0), east), tracker=first.tracker)
     assert first.fix.status == "ambiguous"
     assert second.fix.status == "fix"
     assert scene.error_cells(second.fix, 0, EAST_SPOT) < 0.2
@@ -158,11 +171,10 @@ def test_odometry_that_fits_no_pair_of_places_settles_nothing(scene):
     assert len(last.fix.candidates) == 2
 
 
-def test_looking_again_from_the_same_spot_settles_nothing(scene, monkeypatch):
+def test_looking_again_from_the_same_spot_settles_nothing(scene, west_alone, monkeypatch):
     # whatever speaks for the one crater, an error of the DEM perhaps, speaks for it each time
-    located = locate(scene.terrain, scene.look(0, WEST_SPOT))
     leaning = dataclasses.replace(
-        located, decision=dataclasses.replace(located.decision, probabilities=np.array([0.8, 0.2]))
+        west_alone, decision=dataclasses.replace(west_alone.decision, probabilities=np.array([0.8, 0.2]))
     )
     monkeypatch.setattr("localizer.track.tracker.locate", lambda terrain, observation, **_: leaning)
     looks = [(driven(0.0, sigma_m=0.1), scene.look(0, WEST_SPOT))] * 8
@@ -171,16 +183,15 @@ def test_looking_again_from_the_same_spot_settles_nothing(scene, monkeypatch):
         assert step.fix.probability == pytest.approx(0.8, abs=0.01)
 
 
-def test_the_first_look_is_answered_as_by_the_search_alone(scene):
-    observation = scene.look(2, WEST_SPOT)
-    (step,) = track(scene, (None, observation))
-    best = locate(scene.terrain, observation).best
+def test_the_first_look_is_answered_as_by_the_search_alone(first_steps, west_alone):
+    step, best = first_steps[0], west_alone.best
     assert (step.fix.position.row, step.fix.position.col) == (best.row, best.col)
     assert step.mode == "whole DEM"
 
 
-def test_a_settled_track_searches_near_by_only(scene):
-    first, second = track(scene, (None, scene.look(2, WEST_SPOT)), (driven(200.0), scene.look(2, EAST_SPOT)))
+def test_a_settled_track_searches_near_by_only(scene, first_steps):
+    first = first_steps[2]
+    (second,) = track(scene, (driven(200.0), scene.look(2, EAST_SPOT)), tracker=first.tracker)
     assert first.fix.status == "fix"
     assert second.mode == "bootstrap"
     assert second.fix.status == "fix"  # the search alone would not know which crater it is
@@ -188,9 +199,10 @@ def test_a_settled_track_searches_near_by_only(scene):
     assert second.fix.stage1.after_altitude < 0.1 * first.fix.stage1.cells
 
 
-def test_where_the_odometry_misleads_the_whole_dem_is_searched_and_the_history_dropped(scene):
+def test_where_the_odometry_misleads_the_whole_dem_is_searched_and_the_history_dropped(scene, first_steps):
     # carried from crater 2 to crater 1, 2.7 km away, while the odometry tells of a short drive
-    first, second = track(scene, (None, scene.look(2, WEST_SPOT)), (driven(200.0), scene.look(1, EAST_SPOT)))
+    first = first_steps[2]
+    (second,) = track(scene, (driven(200.0), scene.look(1, EAST_SPOT)), tracker=first.tracker)
     assert first.fix.status == "fix"
     assert second.mode == "whole DEM after bootstrap failed"
     assert second.fix.status == "fix"
