@@ -29,7 +29,7 @@ test-system: $(READY)
 
 EVALUATE = $(BIN)/sim evaluate $(addprefix --dem ,$(DEMS)) --seed $(SEED) --jobs $(JOBS)
 SCENARIOS = $(sort $(basename $(notdir $(wildcard configs/scenarios/evaluate/*.toml))))
-PICTURE_SCENARIOS = realistic dem_error
+PICTURE_SCENARIOS = realistic dem_error outside
 BOUND_SCENARIOS = paper realistic
 
 evaluate: $(READY) $(SCENARIOS:%=evaluate-contour-%) $(BOUND_SCENARIOS:%=evaluate-bound-%) $(PICTURE_SCENARIOS:%=evaluate-image-%)
