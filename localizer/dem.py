@@ -5,7 +5,7 @@ at (row, col) lies at ``transform @ (col + 0.5, row + 0.5)`` be the file's pixel
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -175,6 +175,7 @@ def _joined(tiles: Sequence[Tile]) -> tuple[NDArray[np.float32], Affine]:
                 f"{first.file.path} and {tile.file.path}: their CRS differ ({first.crs.name}, {tile.crs.name}); "
                 "reproject one with gdalwarp"
             )
+    tiles = [_on_the_same_turn(first, tile) for tile in tiles]
     _check_connected(tiles)
     origins = np.array([_origin_on(first, tile) for tile in tiles])  # (n, 2) row, col
     ends = origins + np.array([tile.z_m.shape for tile in tiles])
@@ -187,6 +188,16 @@ def _joined(tiles: Sequence[Tile]) -> tuple[NDArray[np.float32], Affine]:
         part = z_m[row : row + tile.z_m.shape[0], col : col + tile.z_m.shape[1]]
         np.copyto(part, tile.z_m, where=np.isnan(part))
     return z_m, first.transform @ Affine.translation(int(top_left[1]), int(top_left[0]))
+
+
+def _on_the_same_turn(first: Tile, tile: Tile) -> Tile:
+    """Files on both sides of the date line adjoin: longitudes by whole turns as near to the first file's as can be."""
+    if not tile.crs.is_geographic:
+        return tile
+    middles = [t.transform.c + 0.5 * t.transform.a * t.z_m.shape[1] for t in (first, tile)]
+    turn = 360.0 / degrees_per_unit(first.crs)
+    turns = round((middles[0] - middles[1]) / turn)
+    return replace(tile, transform=Affine.translation(turn * turns, 0.0) @ tile.transform)
 
 
 def _check_connected(tiles: Sequence[Tile]) -> None:

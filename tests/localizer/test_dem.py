@@ -152,6 +152,17 @@ def test_adjoining_files_become_one(write_raster, ramp, overlap):
         assert dem.source == tuple(paths)
 
 
+def test_files_on_both_sides_of_the_date_line_adjoin(write_raster, ramp):
+    grid = Affine(0.01, 0.0, 179.97, 0.0, -0.01, -17.0)
+    west = write_raster(ramp[:, :3], "west.tif", crs="EPSG:4326", transform=grid)
+    beyond = Affine.translation(-360.0, 0.0) @ grid @ Affine.translation(3, 0)
+    east = write_raster(ramp[:, 3:], "east.tif", crs="EPSG:4326", transform=beyond)
+    for paths, start in (((west, east), 179.97), ((east, west), -180.03)):
+        dem = load_dem(paths)
+        assert np.array_equal(dem.z_m, ramp)
+        assert dem.transform.c == pytest.approx(start)
+
+
 def test_the_gap_of_an_l_shape_is_void_and_a_void_is_filled_by_the_other_file(write_raster, ramp):
     z = ramp.astype(np.float32)
     z[2, 2] = np.nan
