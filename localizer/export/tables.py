@@ -173,7 +173,9 @@ def fit_table(errors: SolvedErrors) -> Table:
             (
                 "error of the elevation model",
                 f"{errors.dem_error_m:.1f} m",
-                "one standard deviation of the ridges' elevations, estimated from the residuals",
+                "one standard deviation of the ridges' elevations, estimated from the residuals"
+                if errors.dem_error_m > 0.0
+                else "as told: the model is the terrain itself",
             ),
             (
                 "correlation",
