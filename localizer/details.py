@@ -44,8 +44,7 @@ class SolvedErrors:
     altitude_m: float
     """Of the optical centre, as solved for."""
     dem_error_m: float
-    """Of the ridges' elevations, by the residuals; 0 where the DEM was said to be the terrain itself, and it fits."""
-    """Of the ridges' elevations, one standard deviation."""
+    """Of the ridges' elevations, one standard deviation; 0 where the DEM was said to be the terrain itself, and it fits."""
     correlation_columns: float
     """So many neighbouring columns are worth one independent one."""
     inlier_share: float
