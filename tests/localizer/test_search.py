@@ -151,7 +151,7 @@ def test_a_dem_wrongly_said_to_be_the_terrain_itself_is_doubted_all_the_same(ter
     assert trusted.best.dem_error_m > 0.5
 
 
-@pytest.mark.parametrize("beyond_cells", [2, 5])
+@pytest.mark.parametrize("beyond_cells", [pytest.param(2, marks=pytest.mark.long), 5])
 def test_a_camera_just_beyond_the_end_of_the_dem_is_nowhere(terrain, beyond_cells):
     place, dem = (200.1, 500.5), terrain.dem
     south = dem_from_array(dem.z_m[round(place[0]) + beyond_cells :], dem.transform, dem.crs)

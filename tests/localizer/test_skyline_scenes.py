@@ -230,7 +230,6 @@ def test_pictures_of_any_size(width: int, height: int) -> None:
     [
         np.zeros((40, 40), np.uint8),
         np.zeros((40, 40, 3)),
-        np.zeros((8, 40, 3), np.uint8),
         np.zeros((40, 40, 4), np.uint8),
     ],
 )
