@@ -262,7 +262,9 @@ def with_a_view_of_elsewhere(terrain: Terrain) -> Observation:
     return dataclasses.replace(observation, frames=(observation.frames[0], other, *observation.frames[2:]))
 
 
-@pytest.mark.parametrize("spoil", [with_tilt_misread, with_a_view_of_elsewhere])
+@pytest.mark.parametrize(
+    "spoil", [with_tilt_misread, pytest.param(with_a_view_of_elsewhere, marks=pytest.mark.long)]
+)
 def test_a_frame_that_contradicts_the_others_is_left_out_and_named(terrain, spoil):
     answer = settled(terrain, spoil(terrain))
     assert answer.left_out == "frame 1"
