@@ -101,7 +101,7 @@ def _tile_of(
     raw = dataset.read(1, masked=True)
     z_m = raw.astype(np.float64).filled(np.nan)
     if nodata is not None:
-        z_m[raw.data == np.asarray(nodata).astype(raw.dtype)] = np.nan
+        z_m[raw.data == nodata] = np.nan  # in the precision of the file: a float32 void is not what z_m has
     z_m = (z_m * dataset.scales[0] + dataset.offsets[0]) * VERTICAL_UNITS[unit]
     with np.errstate(invalid="ignore"):
         z_m[~((z_m >= LOWEST_M) & (z_m <= HIGHEST_M))] = np.nan

@@ -118,6 +118,11 @@ def test_nodata_that_is_no_round_number_in_the_file_s_own_precision(write_raster
     assert np.argwhere(np.isnan(load_dem([write_raster(z)], nodata=-9.99).z_m)).tolist() == [[1, 2]]
 
 
+@pytest.mark.parametrize("nodata", [204.5, 1e10, np.nan])
+def test_nodata_that_whole_numbers_cannot_be_makes_no_void_of_them(write_raster, ramp, nodata):
+    assert load_dem([write_raster(ramp)], nodata=nodata).files[0].voids == 0
+
+
 # ---- orientation
 
 
