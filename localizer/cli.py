@@ -11,8 +11,7 @@ from localizer import command_line
 from localizer.bundle import frame_image, load_bundle
 from localizer.command_line import OutputFolder, check_picture_path, writing
 from localizer.completion import completion_command, folders
-from localizer.dem import Dem
-from localizer.dem_info import dem_info, dem_notes, info_fields, info_text
+from localizer.dem_info import dem_info, info_fields, info_text
 from localizer.dem_options import (
     DemChoice,
     dem_choice,
@@ -84,7 +83,7 @@ def locate(
         check_picture_path("--plot", plot_path)
     truth = load_truth(truth_path) if truth_path is not None else None
     bundle = load_bundle(bundle_path)
-    dem = _load(chosen_dem)
+    dem = chosen_dem.load_to_search("localizer")
 
     if report_folder is not None:
         from localizer.export.folder import prepare_folder
@@ -177,16 +176,8 @@ def track(
 
     from localizer.track.command import run_track
 
-    dem = _load(chosen_dem)
+    dem = chosen_dem.load_to_search("localizer")
     return run_track(bundle_paths, dem, odometry_path, as_json, plot_path, truths)
-
-
-def _load(chosen_dem: DemChoice) -> Dem:
-    """The DEM to search in, with notes on it."""
-    dem = chosen_dem.load()
-    for note in dem_notes(dem):
-        click.echo(f"localizer: {note}", err=True)
-    return dem
 
 
 localizer.add_command(predict)

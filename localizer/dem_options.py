@@ -41,6 +41,15 @@ class DemChoice:
             error_m=self.error_m,
         )
 
+    def load_to_search(self, program: str) -> "Dem":
+        """The same, with notes on standard error of what whoever searches in it should know. Raises ``DemError``."""
+        from localizer.dem_info import dem_notes
+
+        dem = self.load()
+        for note in dem_notes(dem):
+            click.echo(f"{program}: {note}", err=True)
+        return dem
+
 
 dem_option = dem_files_option("Elevation file; repeat it for files that adjoin.", required=True)
 dem_files_argument = click.argument(

@@ -109,7 +109,9 @@ def capture(
     config = load_config(config_path(config_file))
     directions = directions or config.capture.parsed_directions()
     out_dir = out_dir or config.rig.bundle_dir
-    dem = _load(chosen_dem if chosen_dem.paths else _configured_dem(config)) if locate else None
+    dem = None
+    if locate:
+        dem = (chosen_dem if chosen_dem.paths else _configured_dem(config)).load_to_search("rig")
     with _telemetry(config, telemetry_file):
         if repeat > 1:
             return _take_series(config, directions, out_dir, repeat, every_s, fresh, as_json)
@@ -203,16 +205,6 @@ def _take_series(
         finally:
             reports.ends()
     return 2 if any(outcome.reason for outcome in series.outcomes.values()) else 0
-
-
-def _load(chosen_dem: DemChoice) -> "Dem":
-    """With notes on what is loaded."""
-    from localizer.dem_info import dem_notes
-
-    dem = chosen_dem.load()
-    for note in dem_notes(dem):
-        click.echo(f"rig: {note}", err=True)
-    return dem
 
 
 def _configured_dem(config: RigConfig) -> DemChoice:
