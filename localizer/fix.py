@@ -59,6 +59,24 @@ class Nuisance(_Part):
     altitude_bias_m: float
 
 
+ReasonCode = Literal[
+    "several_places",
+    "too_little_skyline",
+    "contradicted",
+    "dem_error",
+    "outside",
+    "unknown_datum",
+    "no_ground_at_altitude",
+]
+
+
+class Reason(_Part):
+    """Why a result is no fix: ``text`` is one sentence for people, with what would help."""
+
+    code: ReasonCode
+    text: Annotated[str, Field(min_length=1)]
+
+
 class Fix(_Part):
     """The result of a search. ``position`` and ``covariance_m2`` are null where ``status`` is "none"."""
 
@@ -69,6 +87,10 @@ class Fix(_Part):
     covariance_m2: tuple[tuple[float, float], tuple[float, float]] | None
     """Of easting and northing."""
     probability: Probability
+    elsewhere: Probability = 0.0
+    """Of all places that are not among ``candidates``, those that were not compared included."""
+    reason: Reason | None = None
+    """None for a fix."""
     candidates: tuple[Candidate, ...]
     stage1: Stage1Counts
     residual: dict[str, float]
