@@ -20,7 +20,7 @@ def rows() -> Iterator[list[str]]:
             yield cells
 
 
-def tests_of(path: Path) -> set[str]:
+def names_of_tests(path: Path) -> set[str]:
     """Names of the test functions in a file."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     return {node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)}
@@ -33,4 +33,4 @@ def test_a_report_names_its_source_and_tests_that_exist(cells: list[str]) -> Non
     assert named, f"no test is named as `tests/FILE.py::test_NAME`: {cells[-1]}"
     for file, test in named:
         assert (ROOT / file).is_file(), file
-        assert test in tests_of(ROOT / file), f"{file} has no {test}"
+        assert test in names_of_tests(ROOT / file), f"{file} has no {test}"

@@ -44,6 +44,8 @@ def test_the_json_is_the_contract_s():
         "position",
         "covariance_m2",
         "probability",
+        "elsewhere",
+        "reason",
         "candidates",
         "stage1",
         "residual",
