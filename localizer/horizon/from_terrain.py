@@ -27,6 +27,9 @@ VOID_M = -20000.0
 BLOCKS = (4, 16, 64, 256)
 """Cells a side of the blocks whose maxima tell a ray that it can leap over them."""
 
+GUESS_MARGIN_M = 0.01
+"""More than two ways to compute a height on one ray differ by: a ray that bends is straight between two grid lines."""
+
 LARGEST_ROUGHNESS = 5.0
 NEAR_CELLS = 2.0
 """What rises above all else nearer than this no DEM can tell. It can only hide what is farther, never lower it."""
@@ -336,7 +339,7 @@ def ray_horizon(
     """Tangent and distance of the horizon along one ray; (-inf, NaN) where it meets no terrain.
 
     ``guess``: a distance at which the horizon may be, or NaN; it changes the time taken, not the answer. ``beyond``: terrain
-    nearer than this is passed over.
+    nearer than this is passed over; the horizon is then the highest point from there on.
 
     The ray is followed along the lattice axis on which it moves faster (``major``), from one grid line to the next. A block
     of grid lines is leapt over, the largest first, when its highest cell stays below the horizon found so far.
@@ -372,30 +375,47 @@ def ray_horizon(
             if min(z00, z01, z10, z11) > VOID_M:
                 xa, ya = x0 - i, y0 - j
                 za = (z00 * (1.0 - ya) + z01 * ya) * (1.0 - xa) + (z10 * (1.0 - ya) + z11 * ya) * xa
-                best, best_s = (za - eye) / guess - drop * guess, guess
+                # A little below the ground there, so that what is found along the ray is the same as without a guess.
+                best, best_s = (za - GUESS_MARGIN_M - eye) / guess - drop * guess, guess
     x0, y0, d0 = start, minor_start, 0.0  # where the stretch begins: major, minor, distance
+    enters = False  # whether no other stretch ends there: at the DEM's end, behind a void
     line = int(np.floor(start)) + 1 if step > 0 else int(np.ceil(start)) - 1
-    if (step > 0 and line < 0) or (step < 0 and line > last):  # outside, looking in
+    if (step > 0 and start < 0.0) or (step < 0 and start > last):  # outside, looking in
         line = 0 if step > 0 else last
         d0 = (s1 + s2 * (line - start)) * (line - start)
         x0, y0 = float(line), minor_start + (b1 + b2 * d0) * d0
         line += step
+        enters = True
 
     while 0 <= line <= last:
         offset = line - start
         d1 = (s1 + s2 * offset) * offset
         y1 = minor_start + (b1 + b2 * d1) * d1
-        sight = eye + (best + drop * d1) * d1
-        lowest_sight = min(eye + (best + drop * d0) * d0, sight) - 1e-3 if best > -np.inf else -np.inf
+        sight = eye + (best + drop * d0) * d0
+        lowest_sight = min(sight, eye + (best + drop * d1) * d1) - 1e-3 if best > -np.inf else -np.inf
         if best >= 0.0 and sight > highest:
             break
+        x1, y_out, d_out = float(line), y1, d1
+        leaves = False
         if min(y0, y1) < 0.0 or max(y0, y1) > minor_last:
             heading = b1 + 2.0 * b2 * d1
-            if (y1 < 0.0 and heading <= 0.0) or (y1 > minor_last and heading >= 0.0):
-                break
-            x0, y0, d0 = float(line), y1, d1
-            line += step
-            continue
+            leaves = (y1 < 0.0 and heading <= 0.0) or (y1 > minor_last and heading >= 0.0)
+            began_inside, ends_inside = 0.0 <= y0 <= minor_last, 0.0 <= y1 <= minor_last
+            if began_inside or ends_inside:
+                # Of the stretch in which the ray crosses the DEM's end, the part that is inside.
+                border = 0.0 if min(y0, y1) < 0.0 else float(minor_last)
+                share = (border - y0) / (y1 - y0)
+                x_border, d_border = x0 + share * (x1 - x0), d0 + share * (d1 - d0)
+                if ends_inside:
+                    x0, y0, d0, enters = x_border, border, d_border, True
+                else:
+                    x1, y1, d1 = x_border, border, d_border
+            else:
+                if leaves:
+                    break
+                x0, y0, d0 = x1, y1, d1
+                line += step
+                continue
 
         leap = 0
         if line & 3 == entered and best > -np.inf:
@@ -426,7 +446,6 @@ def ray_horizon(
         i = line - 1 if step > 0 else line
         j0, j1 = min(int(y0), minor_last - 1), min(int(y1), minor_last - 1)
         cell_0, cell_1 = i * by_major + j0 * by_minor, i * by_major + j1 * by_minor
-        x1 = float(line)
         if max(ceilings[cell_0], ceilings[cell_1]) > lowest_sight:
             split = (max(j0, j1) - y0) / (y1 - y0) if j0 != j1 else 1.0
             for piece in range(2 if j0 != j1 else 1):
@@ -435,21 +454,34 @@ def ray_horizon(
                 z00, z01 = flat[at], flat[at + by_minor]
                 z10, z11 = flat[at + by_major], flat[at + by_major + by_minor]
                 if min(z00, z01, z10, z11) <= VOID_M:
+                    enters = True
                     continue
                 xa, xb = x0 + (x1 - x0) * t0 - i, x0 + (x1 - x0) * t1 - i
                 ya, yb = y0 + (y1 - y0) * t0 - j, y0 + (y1 - y0) * t1 - j
                 za = (z00 * (1.0 - ya) + z01 * ya) * (1.0 - xa) + (z10 * (1.0 - ya) + z11 * ya) * xa
                 zb = (z00 * (1.0 - yb) + z01 * yb) * (1.0 - xb) + (z10 * (1.0 - yb) + z11 * yb) * xb
                 sa, sb = d0 + (d1 - d0) * t0, d0 + (d1 - d0) * t1
-                if sb > beyond and zb > eye + (best + drop * sb) * sb:
+                if sb <= beyond:
+                    continue
+                if sa < beyond:
+                    # Of the stretch, what lies farther off.
+                    cut = (beyond - sa) / (sb - sa)
+                    xa, ya, sa, enters = xa + cut * (xb - xa), ya + cut * (yb - ya), beyond, True
+                    za = (z00 * (1.0 - ya) + z01 * ya) * (1.0 - xa) + (z10 * (1.0 - ya) + z11 * ya) * xa
+                if enters and za > eye + (best + drop * sa) * sa:
+                    best, best_s = (za - eye) / sa - drop * sa, sa
+                enters = False
+                if zb > eye + (best + drop * sb) * sb:
                     best, best_s = (zb - eye) / sb - drop * sb, sb
                 twist = (z00 - z01 - z10 + z11) * (xb - xa) * (yb - ya)
                 # It cannot bulge above the higher of its ends by more than a quarter of its twist.
                 if twist < 0.0 and max(za, zb) - 0.25 * twist > eye + min(best * sa, best * sb):
                     tangent, where = _bulge(za, zb, twist, sa, sb - sa, eye, drop)
-                    if tangent > best and where > beyond:
+                    if tangent > best:
                         best, best_s = tangent, where
-        x0, y0, d0 = x1, y1, d1
+        if leaves:
+            break
+        x0, y0, d0 = float(line), y_out, d_out
         line += step
     return best, best_s
 

@@ -1,5 +1,6 @@
 """The horizon of a DEM: closed forms, a brute-force reference, and rays that start or end in odd places."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,14 @@ from affine import Affine
 from pyproj import CRS
 
 from localizer.dem import Dem, dem_from_array, load_dem
-from localizer.horizon.from_terrain import EARTH_RADIUS_M, RIM_CELLS, Terrain, horizon, prepare_terrain
+from localizer.horizon.from_terrain import (
+    EARTH_RADIUS_M,
+    RIM_CELLS,
+    Terrain,
+    horizon,
+    horizon_around,
+    prepare_terrain,
+)
 
 SANTA_CRUZ = Path(__file__).parents[2] / "sim" / "terrain" / "santa_cruz_srtm_1s.tif"
 LOCAL = CRS.from_proj4("+proj=tmerc +lat_0=46 +lon_0=8 +k=1 +x_0=0 +y_0=0 +ellps=WGS84")
@@ -139,3 +147,51 @@ def test_the_rim_is_what_lies_close_to_where_the_dem_ends_or_to_a_void():
     assert np.array_equal(terrain.rim, outer[:, None] | outer[None, :] | by_void)
     lies_there = terrain.is_rim(np.array([-5.0, 60.4, MIDDLE]), np.array([70.0, 77.0, MIDDLE]))
     assert lies_there.tolist() == [True, True, False]
+
+
+@pytest.fixture(scope="module")
+def with_voids(santa_cruz: Terrain) -> Terrain:
+    rng = np.random.default_rng(3)
+    z_m = santa_cruz.dem.z_m.copy()
+    for _ in range(60):
+        row, col = rng.integers(0, 790, 2)
+        z_m[row : row + rng.integers(1, 12), col : col + rng.integers(1, 12)] = np.nan
+    return prepare_terrain(replace(santa_cruz.dem, z_m=z_m))
+
+
+@pytest.mark.parametrize("beyond_m", [0.0, 60.0])
+@pytest.mark.parametrize("where", ["inside", "north", "south", "west", "east"])
+def test_a_guess_changes_no_ray_wherever_it_points(with_voids: Terrain, where: str, beyond_m: float):
+    rng = np.random.default_rng(7)
+    rows, cols = with_voids.height_m.shape
+    azimuth = np.radians(np.arange(0.0, 360.0, 0.25))
+    for _ in range(8):
+        row, col = rng.uniform(0.0, rows - 1.0), rng.uniform(0.0, cols - 1.0)
+        beside = rng.uniform(-3.0, 8.0)  # of the DEM's end, or outside of it
+        row = {"north": beside, "south": rows - 1.0 - beside}.get(where, row)
+        col = {"west": beside, "east": cols - 1.0 - beside}.get(where, col)
+        at = np.clip(row, 0, rows - 1), np.clip(col, 0, cols - 1)
+        eye_m = 2.0 + float(np.nan_to_num(with_voids.dem.ground_m(*at), nan=300.0))
+        tangent, distance_m = horizon_around(with_voids, row, col, eye_m, azimuth, None, beyond_m)
+        for guess_m in (
+            distance_m,
+            np.roll(distance_m, 1),
+            np.full(len(azimuth), 40.0),
+            rng.uniform(0.0, 15e3, len(azimuth)),
+        ):
+            guessed = horizon_around(with_voids, row, col, eye_m, azimuth, guess_m, beyond_m)
+            np.testing.assert_array_equal(guessed[0], tangent)
+            np.testing.assert_array_equal(guessed[1], distance_m)
+
+
+def test_a_ray_sees_the_part_of_a_cell_in_which_it_leaves_the_dem():
+    _, north = east_north()
+    terrain = prepare_terrain(dem_of(np.where(north > MIDDLE * CELL_M - 1.0, 400.0, 0.0)))  # the last row
+    # Along the diagonal of the last cell the ray leaves by the eastern side; only that row rises.
+    row, col = 3.0, SIDE - 1.25
+    azimuth = np.degrees(np.arctan2(0.25, 2.5))
+    elevation, distance = horizon(terrain, row, col, 2.0, azimuth)
+    way_m = np.hypot(0.25, 2.5) * CELL_M
+    closed = np.degrees(np.arctan((0.5 * 400.0 - 2.0) / way_m - terrain.drop_per_m2 * way_m))
+    assert distance[0, 0] == pytest.approx(way_m, abs=0.3)
+    assert elevation[0, 0] == pytest.approx(closed, abs=0.4)
