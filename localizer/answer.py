@@ -82,6 +82,7 @@ def fix_of(
         position=position,
         covariance_m2=covariance,
         probability=float(decision.probabilities[0]) if len(decision.probabilities) else 0.0,
+        elsewhere=decision.elsewhere,
         candidates=tuple(candidates),
         stage1=counts,
         residual=best.residual_px if best else {},

@@ -18,18 +18,20 @@ from localizer.geodesy import lonlat_to_rowcol
 from localizer.horizon.from_image import CONFIDENT, ColumnState, Skyline, find_skyline
 from localizer.horizon.from_terrain import Terrain, at_rim, horizon, horizon_around, prepare_terrain
 from localizer.observation import FrameObservation, Observation, PriorCircle
-from localizer.search.contest import contest, sharpened, starts
+from localizer.search.contest import contest, sharpened
 from localizer.search.contours import BINS, FrameContour, MeasuredSkyline, frame_contour, measured_skyline
 from localizer.search.decide import Decision, answered_with
 from localizer.search.refine import Refined
-from localizer.search.rounds import likeliest_cells
+from localizer.search.rounds import Ranked, likeliest_cells
 from localizer.search.stage1 import Band, Stage1, bands, heading_offsets_deg, search_stage1
-from localizer.search.stage2 import Scored, search_stage2
+from localizer.search.stage2 import search_stage2
 
 Floats = NDArray[np.float64]
 
 SMALLEST_SIGMA_M = 0.01
 """Of an altimeter; less is a promise that nobody keeps and that the equations cannot be solved with."""
+FIRST_CELLS = 30
+"""Cells whose contest has been held: the same ones would come to the same."""
 SMALLEST_SIGMA_PX = 0.15
 """No skyline in a picture is known better than this: lens, blur and the roundness of things."""
 
@@ -150,16 +152,13 @@ def locate(terrain: Terrain, observation: Observation, *, everywhere: bool = Tru
             terrain.usual_error_m,
             _within_prior(terrain, observation),
         )
-    scored = _scored(terrain, observation, skyline, stage1.last, offsets, watch)
-    decision, best = _decided(terrain, observation, seen, scored, watch)
+    ranked = _ranked(terrain, observation, skyline, stage1.last, offsets, watch)
+    decision, best = _decided(terrain, observation, seen, ranked, watch)
     if everywhere and decision.status == "none" and len(stage1.last) < len(stage1.survivors["altitude"]):
         # A central column may show a cloud or a tree: let whole curves speak about every cell at the right altitude.
-        everywhere_scored = _scored(
-            terrain, observation, skyline, stage1.survivors["altitude"], offsets, watch
-        )
-        anew = everywhere_scored.cells[starts(everywhere_scored)]
-        if not np.array_equal(anew, scored.cells[starts(scored)]):
-            decision, best = _decided(terrain, observation, seen, everywhere_scored, watch)
+        anew = _ranked(terrain, observation, skyline, stage1.survivors["altitude"], offsets, watch)
+        if ranked is None or anew is None or not _same_cells(anew, ranked):
+            decision, best = _decided(terrain, observation, seen, anew, watch)
     return Located(decision, best, stage1, watch.seconds)
 
 
@@ -179,33 +178,38 @@ def _contours(observation: Observation) -> tuple[FrameContour, ...]:
     return tuple(frame_contour(frame) for frame in observation.frames if len(frame.u_px) > 1)
 
 
-def _scored(
+def _ranked(
     terrain: Terrain,
     observation: Observation,
     skyline: MeasuredSkyline,
     cells: NDArray[np.int64],
     offsets: Floats,
     watch: _Watch,
-) -> Scored:
-    """Stage 2 among the given cells."""
+) -> Ranked | None:
+    """Stage 2 among the given cells, if there are any."""
     if len(cells) == 0:
-        return Scored(cells, np.zeros(0), np.zeros(0))
+        return None
     with watch.part("stage2"):
         return likeliest_cells(terrain, observation, skyline, cells, offsets)
+
+
+def _same_cells(one: Ranked, other: Ranked) -> bool:
+    """Whether the contest would be the same again."""
+    return np.array_equal(one.scored.cells[:FIRST_CELLS], other.scored.cells[:FIRST_CELLS])
 
 
 def _decided(
     terrain: Terrain,
     observation: Observation,
     contours: tuple[FrameContour, ...],
-    scored: Scored,
+    ranked: Ranked | None,
     watch: _Watch,
 ) -> tuple[Decision, Refined | None]:
     """Refinement and decision among the cells that stage 2 found best."""
-    if len(scored.cells) == 0:
+    if ranked is None:
         return Decision("none", [], np.zeros(0)), None
     with watch.part("refine"):
-        return contest(terrain, observation, contours, scored)
+        return contest(terrain, observation, contours, ranked)
 
 
 def _within_prior(terrain: Terrain, observation: Observation) -> NDArray[np.bool_] | None:

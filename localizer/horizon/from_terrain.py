@@ -119,6 +119,16 @@ class Terrain:
         """Whether lattice positions (n,) lie on the DEM's rim, or beyond it."""
         return np.asarray(self.rim[self._nearest(row, col)])
 
+    def above_neighbours_m(self, row: float, col: float) -> float:
+        """By how much the cell nearest to a lattice position rises above the mean of its four neighbours; 0 if it does not."""
+        rows, cols = self.height_m.shape
+        i, j = (int(index[0]) for index in self._nearest(np.array([row]), np.array([col])))
+        if not (0 < i < rows - 1 and 0 < j < cols - 1):
+            return 0.0
+        around_m = self.dem.z_m[[i - 1, i + 1, i, i], [j, j, j - 1, j + 1]]
+        rise_m = float(self.dem.z_m[i, j]) - float(around_m.mean())
+        return max(rise_m, 0.0) if np.isfinite(rise_m) else 0.0
+
     def _nearest(self, row: Floats, col: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         rows, cols = self.height_m.shape
         return (

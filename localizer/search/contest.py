@@ -1,10 +1,13 @@
 """The contest of the places that stage 2 found likeliest: who takes part, on what terms, and what the winner is worth.
 
-Coarse fits choose the contenders; these are compared under one error model, that of the best of them, each at the best place
-around it; the winner is fitted with all columns.
+All are treated alike, whatever their order. Coarse fits choose the contenders; fits with more columns choose the rivals, those
+that could still be the likeliest; the best place around each rival is found with all columns, its errors estimated there; these
+places are compared by the same columns. What a limit left out keeps its probability: that of all places that were not compared.
 """
 
-from dataclasses import replace
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,73 +15,67 @@ from numpy.typing import NDArray
 from localizer.horizon.from_terrain import Terrain
 from localizer.observation import Observation
 from localizer.search.contours import FrameContour
-from localizer.search.decide import Decision, answered_with, decide, explains
+from localizer.search.decide import SHARPNESS, Decision, decide, explains, log_mass
 from localizer.search.nearby import (
-    HOPELESS_EVIDENCE,
     SAME_PLACE_CELLS,
+    Problems,
     again,
     best_nearby,
     distinct,
-    likeliest_nearby,
     problems_of,
 )
 from localizer.search.noise import Noise, usual_noise
 from localizer.search.refine import Refined, refine
-from localizer.search.stage2 import Scored, apart
+from localizer.search.rounds import Cut, Ranked
+from localizer.search.stage2 import apart
 
-STARTS = 12
+STARTS, MOST_STARTS = 12, 64
+"""Cells from which coarse fits start, at least and at most."""
+START_SIGMAS = 4.0
+"""A cell whose disparity is worse than that of the winner's cell by so many standard deviations is no start."""
 START_RADIUS_CELLS = 1.5
-CONTENDERS = 5
+CONTENDERS, MOST_CONTENDERS = 5, 12
 CONTEST_MARGIN = 0.5
 """A start whose columns are less likely than the best one's by this much each (in logarithms) is no contender."""
+CONTENDER_NATS = 12.0
+"""The same of all independent columns together, where that allows more."""
+RIVAL_NATS = 40.0
+"""A contender whose log-odds are worse than the best one's by this much is no rival. Around it there may be a better place."""
+MOST_RIVALS = 6
+
+
+@dataclass(frozen=True)
+class _Field:
+    """Those who are still in the contest, and the weight (1: that of the best one) of those who were left out by a limit."""
+
+    fits: list[Refined]
+    left_out: float = 0.0
 
 
 def contest(
-    terrain: Terrain, observation: Observation, contours: tuple[FrameContour, ...], scored: Scored
+    terrain: Terrain, observation: Observation, contours: tuple[FrameContour, ...], ranked: Ranked
 ) -> tuple[Decision, Refined | None]:
-    """Refine the best cells, coarsely all, then the contenders under one error model, then the winner with all columns."""
+    """Refine the best cells, coarsely all, then the contenders under one error model, then the rivals with all columns."""
     largest = terrain.largest_error_m
     problems = problems_of(terrain, observation, contours)
-    refined = []
-    for i in starts(scored):
-        row, col = scored.cells[i].astype(float)
-        refined.append(
-            refine(
-                problems.coarse,
-                row,
-                col,
-                _first_altitude(terrain, observation, row, col),
-                float(scored.azimuth_bias_deg[i]),
-                iterations=4,
-                noise=usual_noise(terrain, 2.0 * terrain.usual_error_m),
-                largest_dem_error_m=largest,
-                settle=True,
-            )
-        )
-    refined.sort(key=lambda r: r.misfit_per_column)
-    promising = distinct(refined, SAME_PLACE_CELLS)[:CONTENDERS]
-    refined = [again(problems.coarse, start, largest, settle=True, iterations=8) for start in promising]
-    refined.sort(key=lambda r: r.misfit_per_column)
-    contenders = [
-        c
-        for c in distinct(refined, SAME_PLACE_CELLS)
-        if c.misfit_per_column < refined[0].misfit_per_column + CONTEST_MARGIN
-    ]
-    best = best_nearby(problems, contenders[0], largest)
-    held = Noise(
-        best.dem_error_m, max(1.0, best.correlation_columns / problems.middle.stride), best.error_model
-    )
-    compared = [again(problems.middle, c, largest, noise=held) for c in [best, *contenders[1:]]]
-    if best.evidence >= HOPELESS_EVIDENCE:
-        compared[1:] = [likeliest_nearby(problems, c, held, largest) for c in compared[1:]]
-    compared = distinct(sorted(compared, key=lambda r: r.cost), SAME_PLACE_CELLS)
-    decision = decide(compared, best.evidence, terrain.cell_m)
-    winner = decision.candidates[0]
-    if np.hypot(winner.row - best.row, winner.col - best.col) > SAME_PLACE_CELLS:
-        best = best_nearby(problems, winner, largest)
-    if not (explains(best, largest, _priors(contours)) and terrain.dem.covers(best.row, best.col)):
+    fits, cuts = _coarse_fits(terrain, observation, problems, ranked)
+    contenders = _contenders(problems, fits, largest)
+    rivals = _rivals(problems, contenders.fits, largest)
+    best_of = [best_nearby(problems, rival, largest) for rival in rivals.fits]
+    best_of = distinct(sorted(best_of, key=_by_misfit), SAME_PLACE_CELLS)
+    compared = _compared(problems, best_of, largest)
+    winner = compared[0][1]
+    missed = [cut.missed(winner.row, winner.col) for cut in cuts]
+    elsewhere = 1.0 - math.prod(1.0 - share for share in missed) + contenders.left_out + rivals.left_out
+    if not (explains(winner, largest, _priors(contours)) and terrain.dem.covers(winner.row, winner.col)):
         return Decision("none", [], np.zeros(0)), None
-    return answered_with(decision, best, terrain.cell_m), best
+    decision = decide(
+        [under_one_model for under_one_model, _ in compared],
+        [best for _, best in compared],
+        terrain.cell_m,
+        elsewhere,
+    )
+    return decision, decision.candidates[0]
 
 
 def sharpened(
@@ -100,9 +97,140 @@ def _priors(contours: tuple[FrameContour, ...]) -> int:
     return 2 + 2 + 3 * len(contours)
 
 
-def starts(scored: Scored) -> NDArray[np.int64]:
-    """Which of the cells take part."""
-    return apart(scored, STARTS, START_RADIUS_CELLS)
+def _coarse_fits(
+    terrain: Terrain, observation: Observation, problems: Problems, ranked: Ranked
+) -> tuple[list[Refined], list[Cut]]:
+    """Fits with few columns from the best cells, the best fit first, and all limits that cells had to pass on the way.
+
+    From as many cells as are no worse than the winner's own by START_SIGMAS.
+    """
+    scored = ranked.scored
+    order = apart(scored, len(scored.cells), START_RADIUS_CELLS)
+    disparity = scored.disparity[order]
+    fitted: list[tuple[Refined, float]] = []
+    wanted, least = _no_worse(disparity, float(disparity[0]), ranked.sigma), STARTS
+    while len(fitted) < min(max(wanted, least), MOST_STARTS, len(order)):
+        i = order[len(fitted)]
+        fit = _coarse_fit(terrain, observation, problems, scored.cells[i], float(scored.azimuth_bias_deg[i]))
+        fitted.append((fit, float(scored.disparity[i])))
+        if len(fitted) >= max(wanted, least):
+            _, here = min(fitted, key=lambda entry: _by_misfit(entry[0]))
+            wanted = _no_worse(disparity, here, ranked.sigma)
+    count = len(fitted)
+    left_out = float(disparity[count]) if count < len(order) else math.inf
+    cut = Cut(scored.cells[order[:count]], disparity[:count], left_out, ranked.sigma)
+    return sorted((fit for fit, _ in fitted), key=_by_misfit), [*ranked.cuts, cut]
+
+
+def _no_worse(disparity: NDArray[np.float64], than: float, sigma: float) -> int:
+    return int(np.searchsorted(disparity, than + START_SIGMAS * sigma))
+
+
+def _coarse_fit(
+    terrain: Terrain,
+    observation: Observation,
+    problems: Problems,
+    cell: NDArray[np.int64],
+    azimuth_bias_deg: float,
+) -> Refined:
+    row, col = cell.astype(float)
+    return refine(
+        problems.coarse,
+        row,
+        col,
+        _first_altitude(terrain, observation, row, col),
+        azimuth_bias_deg,
+        iterations=4,
+        noise=usual_noise(terrain, 2.0 * terrain.usual_error_m),
+        largest_dem_error_m=terrain.largest_error_m,
+        settle=True,
+    )
+
+
+def _contenders(problems: Problems, fits: list[Refined], largest: float) -> _Field:
+    """The places that the best coarse fits lead to when they are continued, the best first."""
+    promising = _within(
+        distinct(fits, SAME_PLACE_CELLS), 2.0 * CONTEST_MARGIN, problems, MOST_CONTENDERS, CONTENDERS
+    )
+    continued = [again(problems.coarse, fit, largest, settle=True, iterations=8) for fit in promising.fits]
+    places = distinct(sorted(continued, key=_by_misfit), SAME_PLACE_CELLS)
+    contenders = _within(places, CONTEST_MARGIN, problems, MOST_CONTENDERS)
+    return _Field(contenders.fits, promising.left_out + contenders.left_out)
+
+
+def _within(fits: list[Refined], margin: float, problems: Problems, most: int, least: int = 1) -> _Field:
+    """Those of the fits (the best first) whose columns are little less likely than the best one's."""
+    best = fits[0]
+    independent = len(problems.coarse.sigma_rad) / best.correlation_columns
+    behind = np.array([fit.misfit_per_column - best.misfit_per_column for fit in fits])
+    count = int(np.searchsorted(behind, max(margin, CONTENDER_NATS / independent), side="right"))
+    count = min(max(count, least), most)
+    return _Field(fits[:count], _weight(fits[count:], best))
+
+
+def _weight(left_out: Sequence[Refined], best: Refined) -> float:
+    """Of places that are not compared, by their coarse fits; those that explain no more than chance does count as chance."""
+    behind = best.log_odds - np.array([max(fit.log_odds, 0.0) for fit in left_out])
+    return float(np.exp(-SHARPNESS * np.maximum(behind, 0.0)).sum())
+
+
+def _rivals(problems: Problems, contenders: list[Refined], largest: float) -> _Field:
+    """The contenders that could still be the likeliest place, by a fit of each with more columns, the best first."""
+    if len(contenders) == 1:
+        return _Field(contenders)
+    found = [again(problems.middle, contender, largest, settle=True) for contender in contenders]
+    order = sorted(range(len(found)), key=lambda i: (-found[i].log_odds, found[i].row, found[i].col))
+    best = found[order[0]]
+    count = sum(found[i].log_odds >= best.log_odds - RIVAL_NATS for i in order)
+    count = min(count, MOST_RIVALS)
+    left_out = _weight([found[i] for i in order[count:]], best)
+    return _Field([contenders[i] for i in order[:count]], left_out)
+
+
+def _compared(problems: Problems, places: Sequence[Refined], largest: float) -> list[tuple[Refined, Refined]]:
+    """The places, the likeliest first, each behind its fit with the columns that all of them are compared by.
+
+    Where the likelihood has several peaks close to each other, which of them a fit ends at is chance. So each place is also
+    fitted from where the others lie in their cells and under their errors, and its likeliest fit counts. Where the DEM ends,
+    the horizon is its last terrain or something behind it, whichever is likelier: no place pays for lying near the end.
+    """
+    if len(places) == 1:
+        return [(places[0], places[0])]
+    full = problems.full
+    believing = problems_of(full.terrain, full.observation, tuple(full.contours), believes_rim=True)
+    by_columns = [problems.middle, believing.middle]
+    pairs = []
+    for place in places:
+        fits = [
+            again(
+                problem,
+                _moved_to(place, other, full.terrain),
+                largest,
+                noise=_noise_for(problem.stride, other),
+            )
+            for other in places
+            for problem in by_columns
+        ]
+        pairs.append((max(fits, key=log_mass), place))
+    return sorted(pairs, key=lambda pair: (-log_mass(pair[0]), pair[1].row, pair[1].col))
+
+
+def _moved_to(place: Refined, other: Refined, terrain: Terrain) -> Refined:
+    """A place moved to where another one lies in its cell, as high above the ground."""
+    row = other.row + round(place.row - other.row)
+    col = other.col + round(place.col - other.col)
+    rise_m = float(terrain.dem.ground_m(row, col)) - float(terrain.dem.ground_m(other.row, other.col))
+    altitude_m = other.altitude_m + rise_m if np.isfinite(rise_m) else place.altitude_m
+    return replace(place, row=row, col=col, altitude_m=altitude_m)
+
+
+def _noise_for(thinning: float, fit: Refined) -> Noise:
+    """The noise of a fit, for a problem with fewer columns by a factor."""
+    return Noise(fit.dem_error_m, max(1.0, fit.correlation_columns / thinning), fit.error_model)
+
+
+def _by_misfit(fit: Refined) -> tuple[float, float, float]:
+    return fit.misfit_per_column, fit.row, fit.col
 
 
 def _first_altitude(terrain: Terrain, observation: Observation, row: float, col: float) -> float:

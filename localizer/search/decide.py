@@ -20,6 +20,8 @@ LEAST_INLIERS = 0.6
 """Share of the columns that a believable place explains within three sigma."""
 LEAST_EVIDENCE = 15.0
 """Logarithm of how much better than chance a place must explain the skyline: a whole DEM is a million chances."""
+SHARPNESS = 0.5
+"""Places are told apart by so much of their log-odds: the model of the errors is only about right."""
 CERTAIN_EVIDENCE = 25.0
 """And this much for the best place to be called the only one."""
 MOST_PRIOR_SIGMAS = 7.0
@@ -31,11 +33,15 @@ NEGLIGIBLE = 1e-4
 
 @dataclass(frozen=True)
 class Decision:
-    """``candidates`` by falling probability (the negligible ones left out) with their ``probabilities``."""
+    """``candidates`` by falling probability (the negligible ones left out) with their ``probabilities``.
+
+    ``elsewhere``: the probability of all places that are not among them, those that were not compared included.
+    """
 
     status: Status
     candidates: list[Refined]
     probabilities: NDArray[np.float64]
+    elsewhere: float = 0.0
 
 
 def explains(candidate: Refined, largest_dem_error_m: float, priors: int) -> bool:
@@ -48,24 +54,32 @@ def explains(candidate: Refined, largest_dem_error_m: float, priors: int) -> boo
     )
 
 
-def decide(candidates: Sequence[Refined], evidence: float, cell_m: float) -> Decision:
-    """Probabilities of candidates that were refined under one error model, and what they add up to.
+def log_mass(compared: Refined) -> float:
+    """Logarithm of a place's probability but for a constant: how high its peak is, and how wide."""
+    return SHARPNESS * compared.log_odds + 0.5 * float(np.linalg.slogdet(compared.covariance_enu_m2)[1])
 
-    ``evidence`` is that of the best of them, seen with all columns.
+
+def decide(
+    compared: Sequence[Refined], places: Sequence[Refined], cell_m: float, elsewhere: float
+) -> Decision:
+    """Probabilities of places, the likeliest first, and what they add up to.
+
+    ``compared``: fits of the ``places`` with the same columns. ``elsewhere``: the weight of what was not compared; that of the
+    likeliest place is 1.
     """
-    if not candidates:
-        return Decision("none", [], np.zeros(0))
-    peak = np.array([c.log_volume - c.cost for c in candidates])
+    peak = np.array([log_mass(c) for c in compared])
     weight = np.exp(peak - peak.max())
-    probability = weight / weight.sum()
-    order = np.argsort(-probability, kind="stable")
-    kept = [i for i in order if probability[i] >= NEGLIGIBLE]
+    probability = weight / (weight.sum() + elsewhere)
+    kept = [i for i in range(len(places)) if i == 0 or probability[i] >= NEGLIGIBLE]
     single = (
-        probability[kept[0]] >= CERTAIN
-        and evidence >= CERTAIN_EVIDENCE
-        and _one_place(candidates[kept[0]], cell_m)
+        probability[0] >= CERTAIN and places[0].evidence >= CERTAIN_EVIDENCE and _one_place(places[0], cell_m)
     )
-    return Decision("fix" if single else "ambiguous", [candidates[i] for i in kept], probability[kept])
+    return Decision(
+        status="fix" if single else "ambiguous",
+        candidates=[places[i] for i in kept],
+        probabilities=probability[kept],
+        elsewhere=float(max(0.0, 1.0 - probability[kept].sum())),
+    )
 
 
 def answered_with(decision: Decision, best: Refined, cell_m: float) -> Decision:

@@ -142,12 +142,6 @@ def best_nearby(problems: Problems, start: Refined, largest: float) -> Refined:
     return _weighed(problems, best, finals, fits)
 
 
-def likeliest_nearby(problems: Problems, found: Refined, noise: Noise, largest: float) -> Refined:
-    """The best fit with held noise that starts from one of the likeliest places around another."""
-    around = _looked_about(within_the_dem(problems, found), found, [noise], largest, settle=False)
-    return min(around or [found], key=lambda r: r.fit_cost)
-
-
 def again(
     problem: Problem,
     start: Refined,

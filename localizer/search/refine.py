@@ -54,9 +54,8 @@ LATTICE_SHARE = 0.015
 class Refined:
     """A refined candidate.
 
-    ``row``, ``col`` in lattice coordinates; ``covariance_enu_m2`` (2, 2) of true east and north; ``cost`` the negative
-    logarithm of the posterior but for a constant, ``fit_cost`` the same under the error model that weighs the columns;
-    ``log_volume`` half the logarithm of the determinant of the whole covariance;
+    ``row``, ``col`` in lattice coordinates; ``covariance_enu_m2`` (2, 2) of true east and north; ``fit_cost`` the negative
+    logarithm of the posterior but for a constant, under the error model that weighs the columns;
     ``evidence`` by how much (in logarithms) the terrain explains the contours better than chance does;
     ``misfit_per_column`` the mean of the columns' negative log-likelihood, which compares fits with different DEM errors;
     ``residual_px`` per label of a frame with columns that count, over those that fit.
@@ -70,9 +69,7 @@ class Refined:
     tilt_bias_deg: float
     frame_errors_deg: Floats
     covariance_enu_m2: Floats
-    cost: float
     fit_cost: float
-    log_volume: float
     dem_error_m: float
     correlation_columns: float
     inlier_share: float
@@ -81,6 +78,11 @@ class Refined:
     misfit_per_column: float
     evidence: float
     error_model: ErrorModel
+
+    @property
+    def log_odds(self) -> float:
+        """By how much (in logarithms) contours and readings together are likelier from here than from an unrelated place."""
+        return self.evidence - 0.5 * self.prior_chi2
 
     def parameters(self) -> Floats:
         """The unknowns as ``Problem`` orders them, metres counted from the place itself."""
@@ -183,7 +185,7 @@ def _result(
         covariance = _averaged_covariance(
             likely_models(columns, noise.model, possible_models(problem, largest_dem_error_m))
         )
-    misfit, _ = prior_misfits(problem, x, here, noise.spread_m)
+    misfit, _ = prior_misfits(problem, x, here, noise.model.size_m)
     fit_cost = (
         visible_cost(problem, x, here, noise.model, sigma, whitened_cost(columns, noise.model))
         + prior_cost(problem, x, here, noise.model)
@@ -211,9 +213,7 @@ def _result(
         tilt_bias_deg=float(x[TILT_BIAS]),
         frame_errors_deg=x[FIRST_FRAME:].reshape(-1, PER_FRAME),
         covariance_enu_m2=covariance[:2, :2] + np.eye(2) * _shift_sigma_m(problem, noise.model) ** 2,
-        cost=float(surprises.sum() / noise.correlation_columns + 0.5 * (misfit**2).sum()),
         fit_cost=fit_cost,
-        log_volume=0.5 * float(np.linalg.slogdet(covariance)[1]),
         dem_error_m=noise.spread_m,
         correlation_columns=noise.correlation_columns,
         inlier_share=float(inside.sum() / max(telling.sum(), 1)),

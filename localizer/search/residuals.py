@@ -28,6 +28,8 @@ SLOPE_STEP_RAD = np.radians(0.06)
 SECANT_STEP_M = 0.5
 BETWEEN_CELLS = 0.1
 """How far the ground between a DEM's cells lies from its surface, as a share of what that bends from cell to cell."""
+ROUNDED_OFF = 0.5
+"""A DEM rounds summits off: by one standard deviation so much of what a cell rises above its four neighbours."""
 STEEPEST = 5.0
 """A skyline steeper than this is no better known across itself."""
 LATERAL_SHARE = 0.5
@@ -116,7 +118,9 @@ def evaluate(
         roughness2 = terrain.roughness_at(row_h, col_h) ** 2
         error_per_m = np.sqrt(1.0 + LATERAL_SHARE**2 * steep2) * np.sqrt(1.0 + roughness2) / d
         bend_m = terrain.mean_bend_m * float(terrain.roughness_at(np.array([row]), np.array([col]))[0])
-        own = float(np.hypot(BETWEEN_CELLS * bend_m, 0.1))
+        own = float(
+            np.linalg.norm([BETWEEN_CELLS * bend_m, 0.1, ROUNDED_OFF * terrain.above_neighbours_m(row, col)])
+        )
     return Evaluation(
         residual=residual,
         jacobian=jacobian,

@@ -1,71 +1,130 @@
-"""Stage 2 in rounds: a few columns of every cell, then more of the best ones."""
+"""Stage 2 in rounds: a few columns of every cell, then more of the best ones, and what each round left out.
+
+No round looks at where a cell lies in the DEM, only at how well it fits: two places with the same surroundings stay or go
+together. A place that is as good as the one found in the end, but stands in its cell otherwise, has another disparity; how
+probable it is that a round left such a place out follows from how far its limit lies above the disparity of the place found.
+"""
+
+import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from localizer.horizon.from_terrain import Terrain
 from localizer.observation import Observation
-from localizer.search.contours import MeasuredSkyline
+from localizer.search.contours import STEP_DEG, MeasuredSkyline
 from localizer.search.stage2 import Scored, search_stage2
 
 Floats = NDArray[np.float64]
+Cells = NDArray[np.int64]
 
-COLUMNS_EVERY_DEG = ((6.0, 600), (2.0, 150))
-"""Stage 2's rounds: the columns' spacing, and how many cells go on to the next."""
 MOST_CELLS = 30000
-"""Where stage 1 leaves more, stage 2 first looks at every second cell, or third, and so on, and ..."""
-PROMISING_CELLS = 1500
-"""... then at all around the best of those."""
+"""Where stage 1 leaves more, all are compared by columns that are farther apart first, and so many go on."""
+WIDEST_EVERY_DEG = 30.0
+"""So far apart at most."""
 HEADING_STEP_DEG = 2.0
 """Stage 2's hypotheses for the heading lie no further apart."""
+BLOCK_DEG = 6.0
+"""Columns closer to each other than this differ from a place's horizon by much the same."""
+KEPT_SIGMAS = 6.0
+"""Cells whose disparity lies within so many standard deviations of the best one go on to the next round."""
+SAME_PLACE_CELLS = 2.0
+
+
+@dataclass(frozen=True)
+class Round:
+    """Columns ``every_deg`` are compared; at least ``least`` and at most ``most`` cells go on."""
+
+    every_deg: float
+    least: int
+    most: int
+
+
+ROUNDS = (Round(6.0, 600, 2000), Round(2.0, 150, 600))
+
+
+@dataclass(frozen=True)
+class Cut:
+    """The limit of one round.
+
+    ``cells`` (n, 2) went on with their ``disparity`` (n,); the best one that did not has the disparity ``left_out``, infinite
+    where all went on. ``sigma``: standard deviation of the difference between the disparities of two places that are equally
+    good.
+    """
+
+    cells: Cells
+    disparity: Floats
+    left_out: float
+    sigma: float
+
+    def missed(self, row: float, col: float) -> float:
+        """Probability that a place as good as the one found at a position, if there is one, was left out."""
+        if not np.isfinite(self.left_out) or len(self.cells) == 0:
+            return 0.0
+        off = np.hypot(*(self.cells - np.array([row, col])).T)
+        here = float(self.disparity[off <= max(SAME_PLACE_CELLS, float(off.min()) + 0.5)].min())
+        return 0.5 * math.erfc((self.left_out - here) / (self.sigma * math.sqrt(2.0)))
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """The best cells, and the limits of the rounds that they passed."""
+
+    scored: Scored
+    cuts: tuple[Cut, ...]
+    sigma: float
+    """As in ``Cut``."""
 
 
 def likeliest_cells(
     terrain: Terrain,
     observation: Observation,
     skyline: MeasuredSkyline,
-    cells: NDArray[np.int64],
+    cells: Cells,
     offsets: Floats,
-) -> Scored:
+) -> Ranked:
     """The best of the cells (n, 2): few columns for all of them, many for the best of these."""
     relief = terrain.half_cell_relief_m
     if len(offsets) > 1 and offsets[1] - offsets[0] > HEADING_STEP_DEG:
         offsets = np.arange(offsets[0], offsets[-1], HEADING_STEP_DEG)
-
-    def best(cells: NDArray[np.int64], every_deg: float, keep: int, spread: float = 1.0) -> Scored:
-        at = cells[:, 0], cells[:, 1]
+    sigma = disparity_sigma(skyline)
+    cuts = []
+    scored = Scored(cells, np.zeros(0), np.zeros(0))
+    for stage in _rounds(len(cells)):
+        at = scored.cells[:, 0], scored.cells[:, 1]
         eye = terrain.height_m[at].astype(float) + observation.mast_height_m
-        slack = spread * relief[at].astype(float)
+        slack = relief[at].astype(float)
         if observation.altitude_m is not None:
             eye = np.clip(observation.altitude_m, eye - slack, eye + slack)
         scored = search_stage2(
             terrain,
             skyline,
-            cells,
+            scored.cells,
             eye,
             slack,
             offsets,
             observation.azimuth_bias_sigma_deg,
             terrain.usual_error_m,
-            every_deg,
+            stage.every_deg,
         )
-        return Scored(scored.cells[:keep], scored.disparity[:keep], scored.azimuth_bias_deg[:keep])
-
-    if len(cells) > MOST_CELLS:
-        stride = int(np.ceil(np.sqrt(len(cells) / MOST_CELLS)))
-        sparse = cells[(cells % stride == stride // 2).all(axis=1)]
-        promising = best(sparse, COLUMNS_EVERY_DEG[0][0], PROMISING_CELLS, spread=float(stride)).cells
-        cells = _around(cells, promising, terrain.height_m.shape, stride)
-    for every_deg, keep in COLUMNS_EVERY_DEG:
-        scored = best(cells, every_deg, keep)
-        cells = scored.cells
-    return scored
+        good = int(np.searchsorted(scored.disparity, scored.disparity[0] + KEPT_SIGMAS * sigma))
+        keep = min(max(good, stage.least), stage.most)
+        left_out = float(scored.disparity[keep]) if len(scored.cells) > keep else math.inf
+        scored = Scored(scored.cells[:keep], scored.disparity[:keep], scored.azimuth_bias_deg[:keep])
+        cuts.append(Cut(scored.cells, scored.disparity, left_out, sigma))
+    return Ranked(scored, tuple(cuts), sigma)
 
 
-def _around(
-    cells: NDArray[np.int64], centres: NDArray[np.int64], shape: tuple[int, ...], stride: int
-) -> NDArray[np.int64]:
-    """Those of ``cells`` (n, 2) that lie in the squares of ``stride`` cells a side around the centres (m, 2)."""
-    near = np.zeros((shape[0] // stride + 1, shape[1] // stride + 1), bool)
-    near[centres[:, 0] // stride, centres[:, 1] // stride] = True
-    return cells[near[cells[:, 0] // stride, cells[:, 1] // stride]]
+def disparity_sigma(skyline: MeasuredSkyline) -> float:
+    """By how much (one standard deviation) the disparities of two equally good places differ."""
+    blocks = np.count_nonzero(np.isfinite(skyline.elevation_deg)) * STEP_DEG / BLOCK_DEG
+    return math.sqrt(2.0 / max(blocks, 1.0))
+
+
+def _rounds(cells: int) -> tuple[Round, ...]:
+    """One more where there are so many cells that each can be given a few columns only."""
+    if cells <= MOST_CELLS:
+        return ROUNDS
+    every_deg = min(ROUNDS[0].every_deg * math.ceil(cells / MOST_CELLS), WIDEST_EVERY_DEG)
+    return (Round(every_deg, MOST_CELLS, MOST_CELLS), *ROUNDS)

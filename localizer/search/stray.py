@@ -39,9 +39,15 @@ def visible_residual(here: Evaluation, sigma: Floats) -> Floats:
 
 
 def surprise(here: Evaluation, sigma: Floats) -> Floats:
-    """What columns (n,) cost (in logarithms) beyond one that fits exactly: by their residuals, or for being hidden."""
+    """What columns (n,) cost (in logarithms) beyond one that fits exactly: by their residuals, or for being hidden.
+
+    Where the DEM ends, what is seen may be its last terrain or something behind it, whichever costs less: no place pays for
+    lying near the end of the DEM.
+    """
     by_residual = geman_mcclure(visible_residual(here, sigma) / sigma)
-    return np.asarray(np.where(visible_columns(here, sigma), by_residual, np.log(CHANCE_RAD / sigma)))
+    hidden = np.log(CHANCE_RAD / sigma)
+    at_rim = np.where(_hidden(here, sigma), hidden, np.minimum(by_residual, hidden))
+    return np.asarray(np.where(visible_columns(here, sigma), by_residual, np.where(here.rim, at_rim, hidden)))
 
 
 def _hidden(here: Evaluation, sigma: Floats) -> NDArray[np.bool_]:

@@ -264,7 +264,14 @@ def _answer(
     kept = [shown[0], *(s for s in shown[1:] if s[1].probability >= NEGLIGIBLE)]
     probabilities = np.array([hypothesis.probability for _, hypothesis in kept])
     return dataclasses.replace(
-        located, decision=Decision(status, [refined for refined, _ in kept], probabilities), best=best
+        located,
+        decision=Decision(
+            status,
+            [refined for refined, _ in kept],
+            probabilities,
+            max(0.0, 1.0 - float(probabilities.sum())),
+        ),
+        best=best,
     )
 
 

@@ -19,8 +19,9 @@ from sim.evaluate.disturb import disturb, true_contours
 from sim.evaluate.image_level import write_pictures
 from sim.evaluate.row import CaseRow, compact_json
 from sim.evaluate.scenario import EvaluationScenario
-from sim.evaluate.searched import HALVES, Side, beyond, searched_terrain
-from sim.evaluate.truth import Generators, Truth, case_generators, draw_truth
+from sim.evaluate.searched import HALVES, Side, beyond, searched_terrain, terrain_of_twins
+from sim.evaluate.truth import Generators, Truth, case_generators, draw_truth, truth_at
+from sim.evaluate.twins import draw_twins
 from sim.surface import Surface
 from sim.terrain import read_terrain
 
@@ -67,8 +68,14 @@ def run_case(experiment: Experiment, case: int) -> CaseRow:
     if scenario.searched == "other half":
         side = HALVES[int(rng("half").integers(len(HALVES)))]
         allowed = beyond(known, side, scenario.outside_margin_m)
-    truth = draw_truth(known, scenario, rng, allowed)
-    terrain = searched_terrain(dem, side, 0.0 if experiment.estimator_only else None)
+    error_m = 0.0 if experiment.estimator_only else None
+    if scenario.twins is not None:
+        twins = draw_twins(known, scenario, scenario.twins, rng)
+        truth = truth_at(twins.surface, twins.observer, scenario, rng)
+        terrain = terrain_of_twins(dem, twins, error_m)
+    else:
+        truth = draw_truth(known, scenario, rng, allowed)
+        terrain = searched_terrain(dem, side, error_m)
     if experiment.estimator_only:
         truth = _on_searched_ground(truth, terrain, scenario)
     columns = np.arange(scenario.camera.width_px, dtype=float)

@@ -71,6 +71,14 @@ class DemError(Section):
     correlation_m: Positive = 200.0  # where the correlation has fallen to 1/e
 
 
+class Twins(Section):
+    """The DEM holds a crop of itself twice; the copy differs by a random field of heights, its size drawn for each case."""
+
+    cells: Annotated[int, Field(ge=100, le=4000)] = 500  # a side, of the crop
+    relief_m: Annotated[tuple[NonNegative, ...], Field(min_length=1)] = (0.0, 1.0, 3.0, 10.0)  # rms
+    correlation_m: Positive = 200.0
+
+
 class Foreground(Section):
     """Bushes, boulders and masts that stand above the terrain's skyline."""
 
@@ -111,6 +119,7 @@ class EvaluationScenario(Section):
     errors: Errors = Errors()
     told: Told = Told()
     dem_error: DemError | None = None
+    twins: Twins | None = None
     foreground: Foreground | None = None
     occlusion: Occlusion | None = None
     cloud: Cloud | None = None
@@ -118,6 +127,12 @@ class EvaluationScenario(Section):
         "all"  # of the DEM; in the other half the truth is not to be found
     )
     outside_margin_m: NonNegative = 1000.0  # the truth stays this far from what is searched
+
+    @model_validator(mode="after")
+    def _twins_are_a_dem_of_their_own(self) -> "EvaluationScenario":
+        if self.twins is not None and (self.dem_error is not None or self.searched != "all"):
+            raise ValueError("[twins] goes neither with [dem_error] nor with half of the DEM")
+        return self
 
     def told_of(self, name: str) -> float:
         """The sigma that the localizer is told, by the name of its error."""

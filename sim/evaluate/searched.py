@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from localizer.dem import dem_from_array, load_dem
 from localizer.horizon.from_terrain import Terrain, prepare_terrain
 from localizer.locate import load_kernels
+from sim.evaluate.twins import TwinPlace
 from sim.surface import Surface
 
 Side = Literal["whole", "north", "south", "west", "east"]
@@ -26,6 +27,15 @@ def searched_terrain(dem: Path, side: Side = "whole", error_m: float | None = No
         shift = Affine.translation(part[1].start or 0, part[0].start or 0)
         whole = dem_from_array(whole.z_m[part], whole.transform @ shift, whole.crs, error_m=error_m)
     terrain = prepare_terrain(whole)
+    load_kernels(terrain)
+    return terrain
+
+
+def terrain_of_twins(dem: Path, twins: TwinPlace, error_m: float | None = None) -> Terrain:
+    """The DEM of one case that holds the same surroundings twice."""
+    whole = load_dem([dem])
+    transform = whole.transform @ Affine.translation(twins.first_col, twins.first_row)
+    terrain = prepare_terrain(dem_from_array(twins.surface.height_m, transform, whole.crs, error_m=error_m))
     load_kernels(terrain)
     return terrain
 

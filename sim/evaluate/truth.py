@@ -88,7 +88,11 @@ def draw_truth(
     conditions = Scenario(
         place=scenario.place, vehicle=RigVehicle(mast_height_m=scenario.vehicle.mast_height_m)
     )
-    observer = draw_place(surface, conditions, rng("place"), allowed)
+    return truth_at(surface, draw_place(surface, conditions, rng("place"), allowed), scenario, rng)
+
+
+def truth_at(surface: Surface, observer: Observer, scenario: EvaluationScenario, rng: Generators) -> Truth:
+    """Draw what the instruments say at a place."""
     errors = scenario.errors
     altitude_m = observer.altitude_m + errors.altitude_sigma_m * rng("altimeter").standard_normal()
     return Truth(
