@@ -83,6 +83,7 @@ def fix_of(
         covariance_m2=covariance,
         probability=float(decision.probabilities[0]) if len(decision.probabilities) else 0.0,
         elsewhere=decision.elsewhere,
+        reason=decision.reason,
         candidates=tuple(candidates),
         stage1=counts,
         residual=best.residual_px if best else {},

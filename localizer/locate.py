@@ -20,7 +20,8 @@ from localizer.horizon.from_terrain import Terrain, at_rim, horizon, horizon_aro
 from localizer.observation import FrameObservation, Observation, PriorCircle
 from localizer.search.contest import contest, sharpened
 from localizer.search.contours import BINS, FrameContour, MeasuredSkyline, frame_contour, measured_skyline
-from localizer.search.decide import Decision, answered_with
+from localizer.search.decide import Decision, answered_with, nowhere
+from localizer.search.reasons import fits_nowhere, no_ground_at_altitude, no_skyline
 from localizer.search.refine import Refined
 from localizer.search.rounds import Ranked, likeliest_cells
 from localizer.search.stage1 import Band, Stage1, bands, heading_offsets_deg, search_stage1
@@ -139,7 +140,7 @@ def locate(terrain: Terrain, observation: Observation, *, everywhere: bool = Tru
     seen = _contours(observation)
     if not seen:
         nothing = Stage1(int(np.isfinite(terrain.dem.z_m).sum()), {"altitude": np.zeros((0, 2), np.int64)}, 0)
-        return Located(Decision("none", [], np.zeros(0)), None, nothing, watch.seconds)
+        return Located(nowhere(no_skyline()), None, nothing, watch.seconds)
     skyline = measured_skyline(observation, seen)
     offsets = heading_offsets_deg(observation.azimuth_bias_sigma_deg)
     with watch.part("stage1"):
@@ -152,6 +153,8 @@ def locate(terrain: Terrain, observation: Observation, *, everywhere: bool = Tru
             terrain.usual_error_m,
             _within_prior(terrain, observation),
         )
+    if observation.altitude_m is not None and len(stage1.survivors["altitude"]) == 0:
+        return Located(nowhere(no_ground_at_altitude(observation.altitude_m)), None, stage1, watch.seconds)
     ranked = _ranked(terrain, observation, skyline, stage1.last, offsets, watch)
     decision, best = _decided(terrain, observation, seen, ranked, watch)
     if everywhere and decision.status == "none" and len(stage1.last) < len(stage1.survivors["altitude"]):
@@ -207,7 +210,7 @@ def _decided(
 ) -> tuple[Decision, Refined | None]:
     """Refinement and decision among the cells that stage 2 found best."""
     if ranked is None:
-        return Decision("none", [], np.zeros(0)), None
+        return nowhere(fits_nowhere(360.0)), None
     with watch.part("refine"):
         return contest(terrain, observation, contours, ranked)
 

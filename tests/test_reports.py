@@ -28,7 +28,8 @@ def names_of_tests(path: Path) -> set[str]:
 
 @pytest.mark.parametrize("cells", [pytest.param(cells, id=cells[0][:60]) for cells in rows()])
 def test_a_report_names_its_source_and_tests_that_exist(cells: list[str]) -> None:
-    assert len(cells) == len(COLUMNS) and all(cells), cells
+    assert len(cells) == len(COLUMNS), cells
+    assert all(cells), cells
     named = re.findall(r"`(tests/[^`:]+\.py)::(test_[^`\[]+)[^`]*`", cells[-1])
     assert named, f"no test is named as `tests/FILE.py::test_NAME`: {cells[-1]}"
     for file, test in named:

@@ -330,6 +330,18 @@ def _bulge(
     return (alpha + (beta + gamma * t) * t) / s, s
 
 
+@kernel(inline=True)
+def _first_line(
+    start: float, a1: float, a2: float, s1: float, s2: float, step: int, beyond: float
+) -> float:
+    """Distance of the first grid line that a ray meets beyond a distance; 0 for all of the ray."""
+    if beyond <= 0.0:
+        return 0.0
+    at = start + (a1 + a2 * beyond) * beyond
+    offset = (np.floor(at) + 1.0 if step > 0 else np.ceil(at) - 1.0) - start
+    return (s1 + s2 * offset) * offset
+
+
 @kernel()
 def ray_horizon(
     height: Heights,
@@ -349,7 +361,7 @@ def ray_horizon(
     """Tangent and distance of the horizon along one ray; (-inf, NaN) where it meets no terrain.
 
     ``guess``: a distance at which the horizon may be, or NaN; it changes the time taken, not the answer. ``beyond``: terrain
-    nearer than this is passed over; the horizon is then the highest point from there on.
+    nearer than this is passed over, up to the first grid line behind it.
 
     The ray is followed along the lattice axis on which it moves faster (``major``), from one grid line to the next. A block
     of grid lines is leapt over, the largest first, when its highest cell stays below the horizon found so far.
@@ -375,7 +387,7 @@ def ray_horizon(
 
     entered = 0 if step > 0 else 3  # the first line of a smallest block, modulo its size
     best, best_s = -np.inf, np.nan
-    if guess > beyond:
+    if guess > _first_line(start, a1, a2, s1, s2, step, beyond):
         x0, y0 = start + (a1 + a2 * guess) * guess, minor_start + (b1 + b2 * guess) * guess
         if 0.0 <= x0 < last and 0.0 <= y0 < minor_last:
             i, j = int(x0), int(y0)
@@ -473,12 +485,7 @@ def ray_horizon(
                 sa, sb = d0 + (d1 - d0) * t0, d0 + (d1 - d0) * t1
                 if sb <= beyond:
                     continue
-                if sa < beyond:
-                    # Of the stretch, what lies farther off.
-                    cut = (beyond - sa) / (sb - sa)
-                    xa, ya, sa, enters = xa + cut * (xb - xa), ya + cut * (yb - ya), beyond, True
-                    za = (z00 * (1.0 - ya) + z01 * ya) * (1.0 - xa) + (z10 * (1.0 - ya) + z11 * ya) * xa
-                if enters and za > eye + (best + drop * sa) * sa:
+                if enters and sa > beyond and za > eye + (best + drop * sa) * sa:
                     best, best_s = (za - eye) / sa - drop * sa, sa
                 enters = False
                 if zb > eye + (best + drop * sb) * sb:
@@ -487,7 +494,7 @@ def ray_horizon(
                 # It cannot bulge above the higher of its ends by more than a quarter of its twist.
                 if twist < 0.0 and max(za, zb) - 0.25 * twist > eye + min(best * sa, best * sb):
                     tangent, where = _bulge(za, zb, twist, sa, sb - sa, eye, drop)
-                    if tangent > best:
+                    if tangent > best and where > beyond:
                         best, best_s = tangent, where
         if leaves:
             break

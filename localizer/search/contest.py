@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from localizer.horizon.from_terrain import Terrain
 from localizer.observation import Observation
 from localizer.search.contours import FrameContour
-from localizer.search.decide import SHARPNESS, Decision, decide, explains, log_mass
+from localizer.search.decide import SHARPNESS, Decision, decide, explains, log_mass, nowhere, objection
 from localizer.search.nearby import (
     SAME_PLACE_CELLS,
     Problems,
@@ -25,6 +25,8 @@ from localizer.search.nearby import (
     problems_of,
 )
 from localizer.search.noise import Noise, usual_noise
+from localizer.search.problem import BLOCK_RAD
+from localizer.search.reasons import off_the_dem
 from localizer.search.refine import Refined, refine
 from localizer.search.rounds import Cut, Ranked
 from localizer.search.stage2 import apart
@@ -42,6 +44,8 @@ CONTENDER_NATS = 12.0
 RIVAL_NATS = 40.0
 """A contender whose log-odds are worse than the best one's by this much is no rival. Around it there may be a better place."""
 MOST_RIVALS = 6
+COMPARISONS = 2
+"""How often each rival is fitted from where the others were fitted."""
 
 
 @dataclass(frozen=True)
@@ -67,8 +71,11 @@ def contest(
     winner = compared[0][1]
     missed = [cut.missed(winner.row, winner.col) for cut in cuts]
     elsewhere = 1.0 - math.prod(1.0 - share for share in missed) + contenders.left_out + rivals.left_out
-    if not (explains(winner, largest, _priors(contours)) and terrain.dem.covers(winner.row, winner.col)):
-        return Decision("none", [], np.zeros(0)), None
+    against = objection(winner, largest, _priors(contours), _skyline_deg(problems))
+    if against is None and not terrain.dem.covers(winner.row, winner.col):
+        against = off_the_dem()
+    if against is not None:
+        return nowhere(against), None
     decision = decide(
         [under_one_model for under_one_model, _ in compared],
         [best for _, best in compared],
@@ -95,6 +102,11 @@ def sharpened(
 def _priors(contours: tuple[FrameContour, ...]) -> int:
     """How many readings there are: altitude, the ground's, both biases, and three for each frame."""
     return 2 + 2 + 3 * len(contours)
+
+
+def _skyline_deg(problems: Problems) -> float:
+    """How much of the horizon was seen."""
+    return float(np.degrees(len(problems.full.blocks) * BLOCK_RAD))
 
 
 def _coarse_fits(
@@ -198,20 +210,22 @@ def _compared(problems: Problems, places: Sequence[Refined], largest: float) -> 
         return [(places[0], places[0])]
     full = problems.full
     believing = problems_of(full.terrain, full.observation, tuple(full.contours), believes_rim=True)
-    by_columns = [problems.middle, believing.middle]
-    pairs = []
-    for place in places:
-        fits = [
-            again(
-                problem,
-                _moved_to(place, other, full.terrain),
-                largest,
-                noise=_noise_for(problem.stride, other),
+    starts = [(place, _noise_for(problems.middle.stride, place)) for place in places]
+    best: list[Refined] = []
+    for _ in range(COMPARISONS):
+        best = [
+            max(
+                (
+                    again(problem, _moved_to(place, other, full.terrain), largest, noise=noise)
+                    for other, noise in starts
+                    for problem in (problems.middle, believing.middle)
+                ),
+                key=log_mass,
             )
-            for other in places
-            for problem in by_columns
+            for place in places
         ]
-        pairs.append((max(fits, key=log_mass), place))
+        starts = [(fit, _noise_for(1.0, fit)) for fit in best]
+    pairs = list(zip(best, places, strict=True))
     return sorted(pairs, key=lambda pair: (-log_mass(pair[0]), pair[1].row, pair[1].col))
 
 

@@ -11,7 +11,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from localizer.fix import Status
+from localizer.fix import Reason, Status
+from localizer.search.reasons import (
+    contradicted,
+    fits_nowhere,
+    large_dem_error,
+    several_places,
+    weak_evidence,
+    wide_place,
+)
 from localizer.search.refine import Refined
 
 CERTAIN = 0.99
@@ -41,17 +49,27 @@ class Decision:
     status: Status
     candidates: list[Refined]
     probabilities: NDArray[np.float64]
-    elsewhere: float = 0.0
+    elsewhere: float
+    reason: Reason | None
+    """None for a fix."""
 
 
 def explains(candidate: Refined, largest_dem_error_m: float, priors: int) -> bool:
     """Whether the terrain seen from this place explains what was observed."""
-    return (
-        candidate.evidence >= LEAST_EVIDENCE
-        and candidate.inlier_share >= LEAST_INLIERS
-        and candidate.dem_error_m < 0.98 * largest_dem_error_m
-        and candidate.prior_chi2 < MOST_PRIOR_SIGMAS**2 + priors
-    )
+    return objection(candidate, largest_dem_error_m, priors, np.inf) is None
+
+
+def objection(
+    candidate: Refined, largest_dem_error_m: float, priors: int, skyline_deg: float
+) -> Reason | None:
+    """What speaks against a place by itself; ``skyline_deg``: how much of the horizon was seen."""
+    if candidate.evidence < LEAST_EVIDENCE:
+        return fits_nowhere(skyline_deg)
+    if candidate.dem_error_m >= 0.98 * largest_dem_error_m:
+        return large_dem_error(candidate.dem_error_m)
+    if candidate.inlier_share < LEAST_INLIERS or candidate.prior_chi2 >= MOST_PRIOR_SIGMAS**2 + priors:
+        return contradicted(candidate, LEAST_INLIERS)
+    return None
 
 
 def log_mass(compared: Refined) -> float:
@@ -71,23 +89,33 @@ def decide(
     weight = np.exp(peak - peak.max())
     probability = weight / (weight.sum() + elsewhere)
     kept = [i for i in range(len(places)) if i == 0 or probability[i] >= NEGLIGIBLE]
-    single = (
-        probability[0] >= CERTAIN and places[0].evidence >= CERTAIN_EVIDENCE and _one_place(places[0], cell_m)
-    )
+    if probability[0] < CERTAIN:
+        reason: Reason | None = several_places(len(kept))
+    elif places[0].evidence < CERTAIN_EVIDENCE:
+        reason = weak_evidence(places[0].evidence, CERTAIN_EVIDENCE)
+    else:
+        reason = _too_wide(places[0], cell_m)
     return Decision(
-        status="fix" if single else "ambiguous",
+        status="ambiguous" if reason else "fix",
         candidates=[places[i] for i in kept],
         probabilities=probability[kept],
         elsewhere=float(max(0.0, 1.0 - probability[kept].sum())),
+        reason=reason,
     )
+
+
+def nowhere(reason: Reason) -> Decision:
+    """No place is believed."""
+    return Decision("none", [], np.zeros(0), 1.0, reason)
 
 
 def answered_with(decision: Decision, best: Refined, cell_m: float) -> Decision:
     """The same with the likeliest candidate as it was refined in the end; no ``fix`` where that is known too vaguely."""
-    status: Status = decision.status if _one_place(best, cell_m) or decision.status != "fix" else "ambiguous"
-    return replace(decision, status=status, candidates=[best, *decision.candidates[1:]])
+    reason = decision.reason or _too_wide(best, cell_m)
+    status: Status = "ambiguous" if decision.status == "fix" and reason else decision.status
+    return replace(decision, status=status, candidates=[best, *decision.candidates[1:]], reason=reason)
 
 
-def _one_place(candidate: Refined, cell_m: float) -> bool:
+def _too_wide(candidate: Refined, cell_m: float) -> Reason | None:
     widest_m = float(np.sqrt(np.linalg.eigvalsh(candidate.covariance_enu_m2)[-1]))
-    return widest_m <= WIDEST_FIX_CELLS * cell_m
+    return wide_place(widest_m) if widest_m > WIDEST_FIX_CELLS * cell_m else None

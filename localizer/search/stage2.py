@@ -79,7 +79,7 @@ def search_stage2(
         prior,
         np.radians(STEP_DEG),
     )
-    order = np.argsort(disparity, kind="stable")
+    order = _by_disparity(cells, disparity)
     return Scored(cells[order], disparity[order], offsets_deg[best[order]])
 
 
@@ -152,11 +152,16 @@ def _disparities(
 
 
 def apart(scored: Scored, keep: int, radius_cells: float) -> NDArray[np.int64]:
-    """Indices of the best cells of which no two lie within ``radius_cells`` of each other, ``keep`` at most."""
+    """Indices of the best cells of which no two lie within ``radius_cells`` of each other, ``keep`` at most, the best first."""
     chosen: list[int] = []
-    for i, cell in enumerate(scored.cells):
-        if all(np.hypot(*(cell - scored.cells[j])) > radius_cells for j in chosen):
-            chosen.append(i)
+    for i in _by_disparity(scored.cells, scored.disparity):
+        if all(np.hypot(*(scored.cells[i] - scored.cells[j])) > radius_cells for j in chosen):
+            chosen.append(int(i))
             if len(chosen) == keep:
                 break
     return np.array(chosen, np.int64)
+
+
+def _by_disparity(cells: Cells, disparity: Floats) -> NDArray[np.int64]:
+    """Indices of the cells, the best first, in whatever order they come."""
+    return np.lexsort((cells[:, 1], cells[:, 0], disparity))

@@ -26,8 +26,9 @@ from localizer.horizon.from_image import find_skyline
 from localizer.horizon.from_terrain import Terrain
 from localizer.locate import locate, observe
 from localizer.observation import Observation, PriorCircle
-from localizer.search.decide import CERTAIN, CERTAIN_EVIDENCE, NEGLIGIBLE, WIDEST_FIX_CELLS, Decision
+from localizer.search.decide import CERTAIN, CERTAIN_EVIDENCE, NEGLIGIBLE, WIDEST_FIX_CELLS, Decision, nowhere
 from localizer.search.nearby import SAME_PLACE_CELLS
+from localizer.search.reasons import off_the_way, several_places
 from localizer.search.refine import Refined
 from localizer.track.mixture import (
     Hypothesis,
@@ -258,7 +259,7 @@ def _answer(
         if p.number is not None
     ]
     if not shown:
-        return dataclasses.replace(located, decision=Decision("none", [], np.zeros(0)), best=None)
+        return dataclasses.replace(located, decision=nowhere(off_the_way()), best=None)
     best, first = shown[0]
     status: Literal["fix", "ambiguous"] = "fix" if stands_out(first, terrain.cell_m) else "ambiguous"
     kept = [shown[0], *(s for s in shown[1:] if s[1].probability >= NEGLIGIBLE)]
@@ -270,6 +271,7 @@ def _answer(
             [refined for refined, _ in kept],
             probabilities,
             max(0.0, 1.0 - float(probabilities.sum())),
+            None if status == "fix" else located.decision.reason or several_places(len(kept)),
         ),
         best=best,
     )

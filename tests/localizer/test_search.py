@@ -4,26 +4,25 @@ Contours come from the very surface that is searched; pictures and other surface
 """
 
 import dataclasses
-from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import pytest
+from seen_from import PLACE, observe
 
 from localizer.answer import fix_of
 from localizer.bundle import load_bundle
-from localizer.camera import camera_to_world, project
 from localizer.contradiction import Settled, frame_agreement, settle_frames
 from localizer.dem import dem_from_array, load_dem
 from localizer.fix import Fix
 from localizer.geodesy import rowcol_to_lonlat
 from localizer.horizon.from_image import ColumnState, Skyline
-from localizer.horizon.from_terrain import Terrain, half_cell_relief_m, horizon, prepare_terrain
+from localizer.horizon.from_terrain import Terrain, half_cell_relief_m, prepare_terrain
 from localizer.locate import locate
 from localizer.locate import observe as observation_of
-from localizer.observation import FrameObservation, Observation, PriorCircle
+from localizer.observation import Observation, PriorCircle
 from localizer.search.contours import FrameContour, frame_contour, measured_skyline
 from localizer.search.nearby import problems_of, within_the_dem
 from localizer.search.noise import Noise, usual_noise
@@ -36,63 +35,11 @@ from localizer.track.report import step_text, track_line
 from localizer.track.tracker import Tracker, follow
 
 SANTA_CRUZ = Path(__file__).parents[2] / "sim" / "terrain" / "santa_cruz_srtm_1s.tif"
-PLACE = (536.9, 389.1)
-
-
-@dataclass(frozen=True)
-class Lens:
-    width_px: int = 640
-    height_px: int = 480
-    fx_px: float = 492.8
-    fy_px: float = 492.8
-    cx_px: float = 319.5
-    cy_px: float = 239.5
-    distortion: tuple[float, float, float, float, float] = (-0.06, 0.012, 0.0, 0.0, 0.0)
 
 
 @pytest.fixture(scope="module")
 def terrain() -> Terrain:
     return prepare_terrain(load_dem([SANTA_CRUZ]))
-
-
-def observe(
-    terrain: Terrain,
-    place: tuple[float, float] = PLACE,
-    *,
-    azimuths: tuple[float, ...] = (0.3, 89.5, 180.2, 270.6),
-    azimuth_bias_deg: float = 0.7,
-    altitude_error_m: float = 3.0,
-    noise_px: float = 0.3,
-    seed: int = 1,
-) -> Observation:
-    """Contours seen from a place by a rig whose readings are wrong by the biases given."""
-    rng = np.random.default_rng(seed)
-    eye = float(terrain.dem.ground_m(*place)) + 2.0
-    frames = []
-    for number, azimuth in enumerate(azimuths):
-        rays = azimuth + np.arange(-45.0, 45.0, 0.05)
-        elevation, _ = horizon(terrain, *place, eye, rays)
-        tilt, roll = float(np.median(elevation)), float(rng.normal(0.0, 1.0))
-        u, v = project(Lens(), camera_to_world(azimuth, tilt, roll), rays, elevation[0])
-        columns = np.arange(640.0)
-        rows = np.interp(columns, u, v) + rng.normal(0.0, noise_px, 640)
-        inside = (rows > 0.0) & (rows < 479.0)
-        frames.append(
-            FrameObservation(
-                label=f"frame {number}",
-                camera=Lens(),
-                azimuth_deg=azimuth + azimuth_bias_deg + float(rng.normal(0.0, 0.1)),
-                azimuth_sigma_deg=0.1,
-                tilt_deg=tilt + float(rng.normal(0.0, 0.01)),
-                tilt_sigma_deg=0.01,
-                roll_deg=roll + float(rng.normal(0.0, 0.02)),
-                roll_sigma_deg=0.02,
-                u_px=columns[inside],
-                v_px=rows[inside],
-                sigma_px=np.full(int(inside.sum()), max(noise_px, 0.1)),
-            )
-        )
-    return Observation(tuple(frames), 2.0, eye + altitude_error_m, 5.0, 1.0, 0.02)
 
 
 def error_cells(located, place=PLACE) -> float:
