@@ -331,15 +331,13 @@ def _bulge(
 
 
 @kernel(inline=True)
-def _first_line(
-    start: float, a1: float, a2: float, s1: float, s2: float, step: int, beyond: float
-) -> float:
+def _first_line(start: float, a1: float, a2: float, s1: float, s2: float, step: int, beyond: float) -> float:
     """Distance of the first grid line that a ray meets beyond a distance; 0 for all of the ray."""
     if beyond <= 0.0:
         return 0.0
     at = start + (a1 + a2 * beyond) * beyond
     offset = (np.floor(at) + 1.0 if step > 0 else np.ceil(at) - 1.0) - start
-    return (s1 + s2 * offset) * offset
+    return float((s1 + s2 * offset) * offset)
 
 
 @kernel()

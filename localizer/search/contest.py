@@ -23,9 +23,10 @@ from localizer.search.nearby import (
     best_nearby,
     distinct,
     problems_of,
+    sees_rim,
 )
 from localizer.search.noise import Noise, usual_noise
-from localizer.search.problem import BLOCK_RAD
+from localizer.search.problem import BLOCK_RAD, Problem
 from localizer.search.reasons import off_the_dem
 from localizer.search.refine import Refined, refine
 from localizer.search.rounds import Cut, Ranked
@@ -41,19 +42,33 @@ CONTEST_MARGIN = 0.5
 """A start whose columns are less likely than the best one's by this much each (in logarithms) is no contender."""
 CONTENDER_NATS = 12.0
 """The same of all independent columns together, where that allows more."""
-RIVAL_NATS = 40.0
-"""A contender whose log-odds are worse than the best one's by this much is no rival. Around it there may be a better place."""
-MOST_RIVALS = 6
+RIVAL_NATS = 30.0
+"""A contender whose log-odds are worse than the best one's by this much is no rival."""
+HIDDEN_NATS = 10.0
+"""By so much the best place around one that was left out may be better."""
+LEAST_LOG_ODDS = 5.0
+"""Nor is one that explains hardly more than chance, unless it is the best."""
+MOST_RIVALS = 4
 COMPARISONS = 2
 """How often each rival is fitted from where the others were fitted."""
+DECIDED_NATS = 15.0
+"""A place that is ahead by this much needs no further comparison."""
+
+
+@dataclass(frozen=True)
+class _LeftOut:
+    """A place that was left out by a limit: its log-odds as far as it was fitted, and the most that its weight can be."""
+
+    log_odds: float
+    most: float = 1.0
 
 
 @dataclass(frozen=True)
 class _Field:
-    """Those who are still in the contest, and the weight (1: that of the best one) of those who were left out by a limit."""
+    """Those who are still in the contest, the best first, and those who were left out by a limit."""
 
     fits: list[Refined]
-    left_out: float = 0.0
+    left_out: list[_LeftOut]
 
 
 def contest(
@@ -70,7 +85,8 @@ def contest(
     compared = _compared(problems, best_of, largest)
     winner = compared[0][1]
     missed = [cut.missed(winner.row, winner.col) for cut in cuts]
-    elsewhere = 1.0 - math.prod(1.0 - share for share in missed) + contenders.left_out + rivals.left_out
+    left_out = [_weight(place, winner) for place in [*contenders.left_out, *rivals.left_out]]
+    elsewhere = 1.0 - math.prod(1.0 - share for share in missed) + sum(left_out)
     against = objection(winner, largest, _priors(contours), _skyline_deg(problems))
     if against is None and not terrain.dem.covers(winner.row, winner.col):
         against = off_the_dem()
@@ -167,7 +183,7 @@ def _contenders(problems: Problems, fits: list[Refined], largest: float) -> _Fie
     continued = [again(problems.coarse, fit, largest, settle=True, iterations=8) for fit in promising.fits]
     places = distinct(sorted(continued, key=_by_misfit), SAME_PLACE_CELLS)
     contenders = _within(places, CONTEST_MARGIN, problems, MOST_CONTENDERS)
-    return _Field(contenders.fits, promising.left_out + contenders.left_out)
+    return _Field(contenders.fits, [*promising.left_out, *contenders.left_out])
 
 
 def _within(fits: list[Refined], margin: float, problems: Problems, most: int, least: int = 1) -> _Field:
@@ -177,26 +193,30 @@ def _within(fits: list[Refined], margin: float, problems: Problems, most: int, l
     behind = np.array([fit.misfit_per_column - best.misfit_per_column for fit in fits])
     count = int(np.searchsorted(behind, max(margin, CONTENDER_NATS / independent), side="right"))
     count = min(max(count, least), most)
-    return _Field(fits[:count], _weight(fits[count:], best))
+    by_misfit = np.exp(-behind * independent)
+    return _Field(
+        fits[:count], [_LeftOut(fits[i].log_odds, float(by_misfit[i])) for i in range(count, len(fits))]
+    )
 
 
-def _weight(left_out: Sequence[Refined], best: Refined) -> float:
-    """Of places that are not compared, by their coarse fits; those that explain no more than chance does count as chance."""
-    behind = best.log_odds - np.array([max(fit.log_odds, 0.0) for fit in left_out])
-    return float(np.exp(-SHARPNESS * np.maximum(behind, 0.0)).sum())
+def _weight(left_out: _LeftOut, winner: Refined) -> float:
+    """Of a place that was not compared, where the winner's is 1; one that explains no more than chance does counts as chance."""
+    behind = winner.log_odds - HIDDEN_NATS - max(left_out.log_odds, 0.0)
+    return min(left_out.most, math.exp(-SHARPNESS * max(behind, 0.0)))
 
 
 def _rivals(problems: Problems, contenders: list[Refined], largest: float) -> _Field:
     """The contenders that could still be the likeliest place, by a fit of each with more columns, the best first."""
     if len(contenders) == 1:
-        return _Field(contenders)
+        return _Field(contenders, [])
     found = [again(problems.middle, contender, largest, settle=True) for contender in contenders]
     order = sorted(range(len(found)), key=lambda i: (-found[i].log_odds, found[i].row, found[i].col))
     best = found[order[0]]
-    count = sum(found[i].log_odds >= best.log_odds - RIVAL_NATS for i in order)
-    count = min(count, MOST_RIVALS)
-    left_out = _weight([found[i] for i in order[count:]], best)
-    return _Field([contenders[i] for i in order[:count]], left_out)
+    least = max(best.log_odds - RIVAL_NATS, LEAST_LOG_ODDS)
+    count = min(max(1, sum(fit.log_odds >= least for fit in found)), MOST_RIVALS)
+    return _Field(
+        [contenders[i] for i in order[:count]], [_LeftOut(found[i].log_odds) for i in order[count:]]
+    )
 
 
 def _compared(problems: Problems, places: Sequence[Refined], largest: float) -> list[tuple[Refined, Refined]]:
@@ -206,19 +226,19 @@ def _compared(problems: Problems, places: Sequence[Refined], largest: float) -> 
     fitted from where the others lie in their cells and under their errors, and its likeliest fit counts. Where the DEM ends,
     the horizon is its last terrain or something behind it, whichever is likelier: no place pays for lying near the end.
     """
-    if len(places) == 1:
-        return [(places[0], places[0])]
-    full = problems.full
-    believing = problems_of(full.terrain, full.observation, tuple(full.contours), believes_rim=True)
+    best = list(places)
     starts = [(place, _noise_for(problems.middle.stride, place)) for place in places]
-    best: list[Refined] = []
+    by_columns = _with_and_without_rim(problems, places)
     for _ in range(COMPARISONS):
+        masses = sorted((log_mass(fit) for fit in best), reverse=True)
+        if len(masses) == 1 or masses[0] - masses[1] > DECIDED_NATS:
+            break
         best = [
             max(
                 (
-                    again(problem, _moved_to(place, other, full.terrain), largest, noise=noise)
+                    again(problem, _moved_to(place, other, problem.terrain), largest, noise=noise)
                     for other, noise in starts
-                    for problem in (problems.middle, believing.middle)
+                    for problem in by_columns
                 ),
                 key=log_mass,
             )
@@ -227,6 +247,15 @@ def _compared(problems: Problems, places: Sequence[Refined], largest: float) -> 
         starts = [(fit, _noise_for(1.0, fit)) for fit in best]
     pairs = list(zip(best, places, strict=True))
     return sorted(pairs, key=lambda pair: (-log_mass(pair[0]), pair[1].row, pair[1].col))
+
+
+def _with_and_without_rim(problems: Problems, places: Sequence[Refined]) -> tuple[Problem, ...]:
+    """The columns without those whose horizon lies where the DEM ends, and with them where any place has such columns."""
+    full = problems.full
+    if not any(sees_rim(full, place) for place in places):
+        return (problems.middle,)
+    believing = problems_of(full.terrain, full.observation, tuple(full.contours), believes_rim=True)
+    return (problems.middle, believing.middle)
 
 
 def _moved_to(place: Refined, other: Refined, terrain: Terrain) -> Refined:

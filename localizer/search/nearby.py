@@ -91,8 +91,7 @@ def within_the_dem(problems: Problems, place: Refined) -> Problems:
     is left of a stretch of the horizon speaks for no more than it did.
     """
     full = problems.full
-    frame = full.terrain.frames.at(place.row, place.col)[0]
-    inside = ~evaluate(full, place.parameters(), (place.row, place.col), frame).rim
+    inside = ~_rim_from(full, place)
     if np.count_nonzero(inside) < LEAST_COLUMNS:
         return problems
     contours = []
@@ -106,6 +105,16 @@ def within_the_dem(problems: Problems, place: Refined) -> Problems:
         believes_rim=True,
         block_columns=full.block_columns,
     )
+
+
+def sees_rim(problem: Problem, place: Refined) -> bool:
+    """Whether any column has its horizon, as seen from a place, where the DEM ends."""
+    return bool(_rim_from(problem, place).any())
+
+
+def _rim_from(problem: Problem, place: Refined) -> NDArray[np.bool_]:
+    frame = problem.terrain.frames.at(place.row, place.col)[0]
+    return evaluate(problem, place.parameters(), (place.row, place.col), frame).rim
 
 
 def best_nearby(problems: Problems, start: Refined, largest: float) -> Refined:

@@ -6,7 +6,7 @@ probable it is that a round left such a place out follows from how far its limit
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +19,8 @@ from localizer.search.stage2 import Scored, search_stage2
 Floats = NDArray[np.float64]
 Cells = NDArray[np.int64]
 
-MOST_CELLS = 30000
-"""Where stage 1 leaves more, all are compared by columns that are farther apart first, and so many go on."""
+MANY_CELLS = 10000
+"""Where stage 1 leaves more, all are compared by columns that are farther apart first, the farther the more cells there are."""
 WIDEST_EVERY_DEG = 30.0
 """So far apart at most."""
 HEADING_STEP_DEG = 2.0
@@ -34,13 +34,14 @@ SAME_PLACE_CELLS = 2.0
 
 @dataclass(frozen=True)
 class Round:
-    """Columns ``every_deg`` are compared; at least ``least`` and at most ``most`` cells go on."""
+    """Columns ``every_deg`` apart are compared; at least ``least`` and at most ``most`` cells go on."""
 
     every_deg: float
     least: int
     most: int
 
 
+FIRST_OF_MANY = Round(12.0, 3000, 8000)
 ROUNDS = (Round(6.0, 600, 2000), Round(2.0, 150, 600))
 
 
@@ -74,7 +75,7 @@ class Ranked:
     scored: Scored
     cuts: tuple[Cut, ...]
     sigma: float
-    """As in ``Cut``."""
+    """Of disparities by as many columns as the last round had; see ``Cut``."""
 
 
 def likeliest_cells(
@@ -88,10 +89,11 @@ def likeliest_cells(
     relief = terrain.half_cell_relief_m
     if len(offsets) > 1 and offsets[1] - offsets[0] > HEADING_STEP_DEG:
         offsets = np.arange(offsets[0], offsets[-1], HEADING_STEP_DEG)
-    sigma = disparity_sigma(skyline)
+    sigma = 0.0
     cuts = []
     scored = Scored(cells, np.zeros(0), np.zeros(0))
     for stage in _rounds(len(cells)):
+        sigma = _disparity_sigma(skyline, stage.every_deg)
         at = scored.cells[:, 0], scored.cells[:, 1]
         eye = terrain.height_m[at].astype(float) + observation.mast_height_m
         slack = relief[at].astype(float)
@@ -116,15 +118,15 @@ def likeliest_cells(
     return Ranked(scored, tuple(cuts), sigma)
 
 
-def disparity_sigma(skyline: MeasuredSkyline) -> float:
+def _disparity_sigma(skyline: MeasuredSkyline, every_deg: float) -> float:
     """By how much (one standard deviation) the disparities of two equally good places differ."""
-    blocks = np.count_nonzero(np.isfinite(skyline.elevation_deg)) * STEP_DEG / BLOCK_DEG
-    return math.sqrt(2.0 / max(blocks, 1.0))
+    seen_deg = np.count_nonzero(np.isfinite(skyline.elevation_deg)) * STEP_DEG
+    return math.sqrt(2.0 / max(seen_deg / max(every_deg, BLOCK_DEG), 1.0))
 
 
 def _rounds(cells: int) -> tuple[Round, ...]:
     """One more where there are so many cells that each can be given a few columns only."""
-    if cells <= MOST_CELLS:
+    if cells <= MANY_CELLS:
         return ROUNDS
-    every_deg = min(ROUNDS[0].every_deg * math.ceil(cells / MOST_CELLS), WIDEST_EVERY_DEG)
-    return (Round(every_deg, MOST_CELLS, MOST_CELLS), *ROUNDS)
+    every_deg = min(ROUNDS[0].every_deg * math.ceil(cells / MANY_CELLS), WIDEST_EVERY_DEG)
+    return (replace(FIRST_OF_MANY, every_deg=every_deg), *ROUNDS)
