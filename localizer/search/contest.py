@@ -42,6 +42,8 @@ CONTEST_MARGIN = 0.5
 """A start whose columns are less likely than the best one's by this much each (in logarithms) is no contender."""
 CONTENDER_NATS = 12.0
 """The same of all independent columns together, where that allows more."""
+CONTENDER_SHARE = 0.3
+"""Or one whose log-odds are at least so much of the best one's."""
 RIVAL_NATS = 30.0
 """A contender whose log-odds are worse than the best one's by this much is no rival."""
 HIDDEN_NATS = 10.0
@@ -56,19 +58,11 @@ DECIDED_NATS = 15.0
 
 
 @dataclass(frozen=True)
-class _LeftOut:
-    """A place that was left out by a limit: its log-odds as far as it was fitted, and the most that its weight can be."""
-
-    log_odds: float
-    most: float = 1.0
-
-
-@dataclass(frozen=True)
 class _Field:
     """Those who are still in the contest, the best first, and those who were left out by a limit."""
 
     fits: list[Refined]
-    left_out: list[_LeftOut]
+    left_out: list[Refined]
 
 
 def contest(
@@ -187,36 +181,55 @@ def _contenders(problems: Problems, fits: list[Refined], largest: float) -> _Fie
 
 
 def _within(fits: list[Refined], margin: float, problems: Problems, most: int, least: int = 1) -> _Field:
-    """Those of the fits (the best first) whose columns are little less likely than the best one's."""
+    """Those of the fits (the best first) whose columns are little less likely than the best one's, or which explain a lot."""
     best = fits[0]
     independent = len(problems.coarse.sigma_rad) / best.correlation_columns
-    behind = np.array([fit.misfit_per_column - best.misfit_per_column for fit in fits])
-    count = int(np.searchsorted(behind, max(margin, CONTENDER_NATS / independent), side="right"))
-    count = min(max(count, least), most)
-    by_misfit = np.exp(-behind * independent)
-    return _Field(
-        fits[:count], [_LeftOut(fits[i].log_odds, float(by_misfit[i])) for i in range(count, len(fits))]
-    )
+    furthest = best.misfit_per_column + max(margin, CONTENDER_NATS / independent)
+    odds = max(LEAST_LOG_ODDS, CONTENDER_SHARE * max(fit.log_odds for fit in fits))
+    stays = [
+        i < least or fit.misfit_per_column <= furthest or fit.log_odds >= odds for i, fit in enumerate(fits)
+    ]
+    kept = [fit for fit, stay in zip(fits, stays, strict=True) if stay]
+    rest = [fit for fit, stay in zip(fits, stays, strict=True) if not stay]
+    return _Field(kept[:most], [*kept[most:], *rest])
 
 
-def _weight(left_out: _LeftOut, winner: Refined) -> float:
-    """Of a place that was not compared, where the winner's is 1; one that explains no more than chance does counts as chance."""
+def _weight(left_out: Refined, winner: Refined) -> float:
+    """Of a place that was not compared, where the winner's is 1; one no likelier than chance counts as chance."""
     behind = winner.log_odds - HIDDEN_NATS - max(left_out.log_odds, 0.0)
-    return min(left_out.most, math.exp(-SHARPNESS * max(behind, 0.0)))
+    return math.exp(-SHARPNESS * max(behind, 0.0))
 
 
 def _rivals(problems: Problems, contenders: list[Refined], largest: float) -> _Field:
-    """The contenders that could still be the likeliest place, by a fit of each with more columns, the best first."""
+    """The contenders that could still be the likeliest place, by a fit of each with more columns, the best first.
+
+    A fit may have stopped at a lesser peak: each is also made from where the best of them lies in its cell.
+    """
     if len(contenders) == 1:
         return _Field(contenders, [])
     found = [again(problems.middle, contender, largest, settle=True) for contender in contenders]
-    order = sorted(range(len(found)), key=lambda i: (-found[i].log_odds, found[i].row, found[i].col))
-    best = found[order[0]]
-    least = max(best.log_odds - RIVAL_NATS, LEAST_LOG_ODDS)
+    best = min(found, key=_by_odds)
+    noise = _noise_for(1.0, best)
+    found = [
+        fit
+        if fit is best
+        else min(
+            fit,
+            again(
+                problems.middle,
+                _moved_to(fit, best, problems.middle.terrain),
+                largest,
+                settle=True,
+                noise=noise,
+            ),
+            key=_by_odds,
+        )
+        for fit in found
+    ]
+    found = distinct(sorted(found, key=_by_odds), SAME_PLACE_CELLS)
+    least = max(found[0].log_odds - RIVAL_NATS, LEAST_LOG_ODDS)
     count = min(max(1, sum(fit.log_odds >= least for fit in found)), MOST_RIVALS)
-    return _Field(
-        [contenders[i] for i in order[:count]], [_LeftOut(found[i].log_odds) for i in order[count:]]
-    )
+    return _Field(found[:count], found[count:])
 
 
 def _compared(problems: Problems, places: Sequence[Refined], largest: float) -> list[tuple[Refined, Refined]]:
@@ -274,6 +287,10 @@ def _noise_for(thinning: float, fit: Refined) -> Noise:
 
 def _by_misfit(fit: Refined) -> tuple[float, float, float]:
     return fit.misfit_per_column, fit.row, fit.col
+
+
+def _by_odds(fit: Refined) -> tuple[float, float, float]:
+    return -fit.log_odds, fit.row, fit.col
 
 
 def _first_altitude(terrain: Terrain, observation: Observation, row: float, col: float) -> float:
