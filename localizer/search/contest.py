@@ -239,11 +239,16 @@ def _compared(problems: Problems, places: Sequence[Refined], largest: float) -> 
     fitted from where the others lie in their cells and under their errors, and its likeliest fit counts. Where the DEM ends,
     the horizon is its last terrain or something behind it, whichever is likelier: no place pays for lying near the end.
     """
+    cell_m = problems.full.terrain.cell_m
+
+    def mass(fit: Refined) -> float:
+        return log_mass(fit, cell_m)
+
     best = list(places)
     starts = [(place, _noise_for(problems.middle.stride, place)) for place in places]
     by_columns = _with_and_without_rim(problems, places)
     for _ in range(COMPARISONS):
-        masses = sorted((log_mass(fit) for fit in best), reverse=True)
+        masses = sorted(map(mass, best), reverse=True)
         if len(masses) == 1 or masses[0] - masses[1] > DECIDED_NATS:
             break
         best = [
@@ -253,13 +258,13 @@ def _compared(problems: Problems, places: Sequence[Refined], largest: float) -> 
                     for other, noise in starts
                     for problem in by_columns
                 ),
-                key=log_mass,
+                key=mass,
             )
             for place in places
         ]
         starts = [(fit, _noise_for(1.0, fit)) for fit in best]
     pairs = list(zip(best, places, strict=True))
-    return sorted(pairs, key=lambda pair: (-log_mass(pair[0]), pair[1].row, pair[1].col))
+    return sorted(pairs, key=lambda pair: (-mass(pair[0]), pair[1].row, pair[1].col))
 
 
 def _with_and_without_rim(problems: Problems, places: Sequence[Refined]) -> tuple[Problem, ...]:

@@ -30,6 +30,8 @@ LEAST_EVIDENCE = 15.0
 """Logarithm of how much better than chance a place must explain the skyline: a whole DEM is a million chances."""
 SHARPNESS = 0.5
 """Places are told apart by so much of their log-odds: the model of the errors is only about right."""
+PEAK_CELLS = 0.1
+"""No peak is narrower: between the cells the surface is a guess."""
 CERTAIN_EVIDENCE = 25.0
 """And this much for the best place to be called the only one."""
 MOST_PRIOR_SIGMAS = 7.0
@@ -72,9 +74,10 @@ def objection(
     return None
 
 
-def log_mass(compared: Refined) -> float:
+def log_mass(compared: Refined, cell_m: float) -> float:
     """Logarithm of a place's probability but for a constant: how high its peak is, and how wide."""
-    return SHARPNESS * compared.log_odds + 0.5 * float(np.linalg.slogdet(compared.covariance_enu_m2)[1])
+    wide_m2 = compared.covariance_enu_m2 + np.eye(2) * (PEAK_CELLS * cell_m) ** 2
+    return SHARPNESS * compared.log_odds + 0.5 * float(np.linalg.slogdet(wide_m2)[1])
 
 
 def decide(
@@ -85,7 +88,7 @@ def decide(
     ``compared``: fits of the ``places`` with the same columns. ``elsewhere``: the weight of what was not compared; that of the
     likeliest place is 1.
     """
-    peak = np.array([log_mass(c) for c in compared])
+    peak = np.array([log_mass(c, cell_m) for c in compared])
     weight = np.exp(peak - peak.max())
     probability = weight / (weight.sum() + elsewhere)
     kept = [i for i in range(len(places)) if i == 0 or probability[i] >= NEGLIGIBLE]
