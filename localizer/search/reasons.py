@@ -84,7 +84,7 @@ def weak_evidence(evidence: float, wanted: float) -> Reason:
     """One place, but the skyline tells too little to be sure of it."""
     return Reason(
         code="too_little_skyline",
-        text=f"One place fits, on evidence of {evidence:.0f} where {wanted:.0f} is wanted to be sure; take more directions.",
+        text=f"One place fits, on evidence of {evidence:.1f} where {wanted:.0f} is wanted to be sure; take more directions.",
     )
 
 

@@ -1,4 +1,4 @@
-"""Places with the same surroundings are equally likely, wherever in the DEM they lie and in whatever order they are looked at."""
+"""Places with the same surroundings are equally likely, wherever in the DEM they lie and whichever is looked at first."""
 
 import dataclasses
 from pathlib import Path
@@ -145,8 +145,8 @@ def test_where_a_place_lies_in_the_dem_changes_neither_it_nor_its_probability(cr
     terrain = side_by_side(crop_m, copies)
     observation = observe(terrain, PLACE, seed=seed)
     located = locate(terrain, observation)
-    rows, cols = terrain.height_m.shape
     height_m = terrain.dem.z_m
+    cols = height_m.shape[1]
     shifted = np.pad(height_m, ((7, 0), (13, 0)), mode="edge")
     changes = {
         "shifted": (shifted, observation, lambda row, col: (row + 7, col + 13)),
