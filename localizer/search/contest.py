@@ -6,7 +6,6 @@ places are compared by the same columns. What a limit left out keeps its probabi
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,8 +13,9 @@ from numpy.typing import NDArray
 
 from localizer.horizon.from_terrain import Terrain
 from localizer.observation import Observation
+from localizer.search.compare import compared_alike, moved_to, noise_for
 from localizer.search.contours import FrameContour
-from localizer.search.decide import SHARPNESS, Decision, decide, explains, log_mass, nowhere, objection
+from localizer.search.decide import SHARPNESS, Decision, decide, explains, nowhere, objection
 from localizer.search.nearby import (
     SAME_PLACE_CELLS,
     Problems,
@@ -23,10 +23,9 @@ from localizer.search.nearby import (
     best_nearby,
     distinct,
     problems_of,
-    sees_rim,
 )
-from localizer.search.noise import Noise, usual_noise
-from localizer.search.problem import BLOCK_RAD, Problem
+from localizer.search.noise import usual_noise
+from localizer.search.problem import BLOCK_RAD
 from localizer.search.reasons import off_the_dem
 from localizer.search.refine import Refined, refine
 from localizer.search.rounds import Cut, Ranked
@@ -51,10 +50,6 @@ HIDDEN_NATS = 10.0
 LEAST_LOG_ODDS = 5.0
 """Nor is one that explains hardly more than chance, unless it is the best."""
 MOST_RIVALS = 4
-COMPARISONS = 2
-"""How often each rival is fitted from where the others were fitted."""
-DECIDED_NATS = 15.0
-"""A place that is ahead by this much needs no further comparison."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +71,7 @@ def contest(
     rivals = _rivals(problems, contenders.fits, largest)
     best_of = [best_nearby(problems, rival, largest) for rival in rivals.fits]
     best_of = distinct(sorted(best_of, key=_by_misfit), SAME_PLACE_CELLS)
-    compared = _compared(problems, best_of, largest)
+    compared = compared_alike(problems, best_of, largest)
     winner = compared[0][1]
     missed = [cut.missed(winner.row, winner.col) for cut in cuts]
     left_out = [_weight(place, winner) for place in [*contenders.left_out, *rivals.left_out]]
@@ -87,7 +82,7 @@ def contest(
     if against is not None:
         return nowhere(against), None
     decision = decide(
-        [under_one_model for under_one_model, _ in compared],
+        [alike for alike, _ in compared],
         [best for _, best in compared],
         terrain.cell_m,
         elsewhere,
@@ -209,7 +204,7 @@ def _rivals(problems: Problems, contenders: list[Refined], largest: float) -> _F
         return _Field(contenders, [])
     found = [again(problems.middle, contender, largest, settle=True) for contender in contenders]
     best = min(found, key=_by_odds)
-    noise = _noise_for(1.0, best)
+    noise = noise_for(1.0, best)
     found = [
         fit
         if fit is best
@@ -217,7 +212,7 @@ def _rivals(problems: Problems, contenders: list[Refined], largest: float) -> _F
             fit,
             again(
                 problems.middle,
-                _moved_to(fit, best, problems.middle.terrain),
+                moved_to(fit, best, problems.middle.terrain),
                 largest,
                 settle=True,
                 noise=noise,
@@ -230,64 +225,6 @@ def _rivals(problems: Problems, contenders: list[Refined], largest: float) -> _F
     least = max(found[0].log_odds - RIVAL_NATS, LEAST_LOG_ODDS)
     count = min(max(1, sum(fit.log_odds >= least for fit in found)), MOST_RIVALS)
     return _Field(found[:count], found[count:])
-
-
-def _compared(problems: Problems, places: Sequence[Refined], largest: float) -> list[tuple[Refined, Refined]]:
-    """The places, the likeliest first, each behind its fit with the columns that all of them are compared by.
-
-    Where the likelihood has several peaks close to each other, which of them a fit ends at is chance. So each place is also
-    fitted from where the others lie in their cells and under their errors, and its likeliest fit counts. Where the DEM ends,
-    the horizon is its last terrain or something behind it, whichever is likelier: no place pays for lying near the end.
-    """
-    cell_m = problems.full.terrain.cell_m
-
-    def mass(fit: Refined) -> float:
-        return log_mass(fit, cell_m)
-
-    best = list(places)
-    starts = [(place, _noise_for(problems.middle.stride, place)) for place in places]
-    by_columns = _with_and_without_rim(problems, places)
-    for _ in range(COMPARISONS):
-        masses = sorted(map(mass, best), reverse=True)
-        if len(masses) == 1 or masses[0] - masses[1] > DECIDED_NATS:
-            break
-        best = [
-            max(
-                (
-                    again(problem, _moved_to(place, other, problem.terrain), largest, noise=noise)
-                    for other, noise in starts
-                    for problem in by_columns
-                ),
-                key=mass,
-            )
-            for place in places
-        ]
-        starts = [(fit, _noise_for(1.0, fit)) for fit in best]
-    pairs = list(zip(best, places, strict=True))
-    return sorted(pairs, key=lambda pair: (-mass(pair[0]), pair[1].row, pair[1].col))
-
-
-def _with_and_without_rim(problems: Problems, places: Sequence[Refined]) -> tuple[Problem, ...]:
-    """The columns without those whose horizon lies where the DEM ends, and with them where any place has such columns."""
-    full = problems.full
-    if not any(sees_rim(full, place) for place in places):
-        return (problems.middle,)
-    believing = problems_of(full.terrain, full.observation, tuple(full.contours), believes_rim=True)
-    return (problems.middle, believing.middle)
-
-
-def _moved_to(place: Refined, other: Refined, terrain: Terrain) -> Refined:
-    """A place moved to where another one lies in its cell, as high above the ground."""
-    row = other.row + round(place.row - other.row)
-    col = other.col + round(place.col - other.col)
-    rise_m = float(terrain.dem.ground_m(row, col)) - float(terrain.dem.ground_m(other.row, other.col))
-    altitude_m = other.altitude_m + rise_m if np.isfinite(rise_m) else place.altitude_m
-    return replace(place, row=row, col=col, altitude_m=altitude_m)
-
-
-def _noise_for(thinning: float, fit: Refined) -> Noise:
-    """The noise of a fit, for a problem with fewer columns by a factor."""
-    return Noise(fit.dem_error_m, max(1.0, fit.correlation_columns / thinning), fit.error_model)
 
 
 def _by_misfit(fit: Refined) -> tuple[float, float, float]:
