@@ -23,6 +23,8 @@ MANY_CELLS = 10000
 """Where stage 1 leaves more, all are compared by columns that are farther apart first, the farther the more cells there are."""
 WIDEST_EVERY_DEG = 30.0
 """So far apart at most."""
+LEAST_COLUMNS = 8
+"""Of a narrow skyline columns are compared that are closer to each other, so that there are so many."""
 HEADING_STEP_DEG = 2.0
 """Stage 2's hypotheses for the heading lie no further apart."""
 BLOCK_DEG = 6.0
@@ -89,11 +91,13 @@ def likeliest_cells(
     relief = terrain.half_cell_relief_m
     if len(offsets) > 1 and offsets[1] - offsets[0] > HEADING_STEP_DEG:
         offsets = np.arange(offsets[0], offsets[-1], HEADING_STEP_DEG)
+    seen_deg = np.count_nonzero(np.isfinite(skyline.elevation_deg)) * STEP_DEG
     sigma = 0.0
     cuts = []
     scored = Scored(cells, np.zeros(0), np.zeros(0))
     for stage in _rounds(len(cells)):
-        sigma = _disparity_sigma(skyline, stage.every_deg)
+        every_deg = min(stage.every_deg, max(seen_deg / LEAST_COLUMNS, STEP_DEG))
+        sigma = _disparity_sigma(seen_deg, every_deg)
         at = scored.cells[:, 0], scored.cells[:, 1]
         eye = terrain.height_m[at].astype(float) + observation.mast_height_m
         slack = relief[at].astype(float)
@@ -108,7 +112,7 @@ def likeliest_cells(
             offsets,
             observation.azimuth_bias_sigma_deg,
             terrain.usual_error_m,
-            stage.every_deg,
+            every_deg,
         )
         good = int(np.searchsorted(scored.disparity, scored.disparity[0] + KEPT_SIGMAS * sigma))
         keep = min(max(good, stage.least), stage.most)
@@ -118,9 +122,8 @@ def likeliest_cells(
     return Ranked(scored, tuple(cuts), sigma)
 
 
-def _disparity_sigma(skyline: MeasuredSkyline, every_deg: float) -> float:
+def _disparity_sigma(seen_deg: float, every_deg: float) -> float:
     """By how much (one standard deviation) the disparities of two equally good places differ."""
-    seen_deg = np.count_nonzero(np.isfinite(skyline.elevation_deg)) * STEP_DEG
     return math.sqrt(2.0 / max(seen_deg / max(every_deg, BLOCK_DEG), 1.0))
 
 

@@ -170,3 +170,24 @@ def test_a_limit_close_to_the_place_found_may_have_left_another_one_out():
     assert Cut(cells, disparity, np.inf, 0.2).missed(10.0, 10.0) == 0.0
     assert Cut(cells, disparity, 2.0, 0.2).missed(10.0, 10.0) == pytest.approx(2.87e-7, rel=0.01)  # 5 sigma
     assert Cut(cells, disparity, 1.4, 0.2).missed(50.0, 50.0) == pytest.approx(0.5)
+
+
+def test_many_cells_and_a_narrow_skyline_leave_the_true_place_among_the_best(crop_m, monkeypatch):
+    monkeypatch.setattr("localizer.search.rounds.MANY_CELLS", 500)
+    terrain = side_by_side(crop_m, 1)
+    whole = observe(terrain, PLACE, azimuths=(17.0,))
+    frame = whole.frames[0]
+    narrow = slice(300, 420)  # 14 deg
+    observation = dataclasses.replace(
+        whole,
+        frames=(
+            dataclasses.replace(
+                frame, u_px=frame.u_px[narrow], v_px=frame.v_px[narrow], sigma_px=frame.sigma_px[narrow]
+            ),
+        ),
+    )
+    _, ranked = stages(terrain, observation)
+    assert len(ranked.cuts) == 3
+    assert np.isfinite(ranked.scored.disparity).all()
+    off = np.hypot(*(ranked.scored.cells - np.array(PLACE)).T)
+    assert off.min() < 1.0
