@@ -183,8 +183,14 @@ def _verified(paths: tuple[Path, ...]) -> Iterator[tuple[str, str | None]]:
     for path in paths:
         try:
             if is_archive(path):
-                for bundle in bundles_of_archive(path):
+                strays: list[str] = []
+                for bundle in bundles_of_archive(path, stray=strays.append):
                     yield f"{path}: {bundle.id}", None
+                if strays:
+                    yield (
+                        str(path),
+                        f"{path}: holds {strays[0]!r}, which no bundle lists ({len(strays)} files)",
+                    )
             else:
                 for where, result in loaded((path,)):
                     yield str(where), str(result) if isinstance(result, BundleError) else None
