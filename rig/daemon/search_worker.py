@@ -22,7 +22,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TextIO
 
-from localizer.bundle import Bundle, frame_image, load_bundle
+from localizer.bundle import Bundle, BundleError, frame_image, load_bundle
 from localizer.dem import load_dem
 from localizer.errors import SkyfixError
 from localizer.horizon.from_image import find_skyline
@@ -85,6 +85,8 @@ def _send(out: TextIO, message: dict[str, Any]) -> None:
 
 def _located(terrain: Terrain, request: dict[str, Any]) -> dict[str, Any]:
     bundle = load_bundle(Path(request["bundle"]))
+    if bundle.id != bundle.directory.name:
+        raise BundleError(f"{bundle.directory}: holds the bundle {bundle.id}; its folder must have the same name")
     tracker = Tracker.model_validate(request["tracker"])
     begin = time.perf_counter()
     skylines = [find_skyline(frame_image(bundle, frame)) for frame in bundle.frames]

@@ -34,6 +34,7 @@ from rig.daemon.spool_index import (
     Entry,
     SpoolError,
     SpoolFullError,
+    answer_of,
     composed,
     entry_of,
     leg_json,
@@ -109,12 +110,7 @@ class Spool:
         """
         self.reconcile()
         removed = []
-        with self._transaction() as db:
-            sizes = db.execute("SELECT sum(bytes), max(bytes) FROM bundles WHERE here").fetchone()
-            total, need = sizes[0] or 0, max(sizes[1] or 0, USUAL_BUNDLE_BYTES)
-            located = db.execute(
-                "SELECT bundle, bytes FROM bundles WHERE here AND state = 'located' ORDER BY number"
-            ).fetchall()
+        total, need, located = self._sizes()
         while (
             total + need > self.quota_bytes or shutil.disk_usage(self.folder).free < LEAST_FREE_BYTES + need
         ):
@@ -126,6 +122,29 @@ class Spool:
             total -= size
         return removed
 
+    def obstacle(self) -> str | None:
+        """Why ``make_room`` would fail now; None where another bundle fits, or will once located ones are deleted."""
+        try:
+            total, need, located = self._sizes()
+            to_gain = sum(size for _, size in located)
+            if total - to_gain + need > self.quota_bytes:
+                return self._full(total - to_gain, need)
+            if shutil.disk_usage(self.folder).free + to_gain < LEAST_FREE_BYTES + need:
+                return self._full(0, need)
+        except OSError as error:
+            return f"{self.folder}: {error.strerror}; look at the disk"
+        except SpoolError as error:
+            return str(error)
+        return None
+
+    def _sizes(self) -> tuple[int, int, list[tuple[str, int]]]:
+        """Bytes that all bundles take, that another one needs, and of each located one, the oldest first."""
+        ((total, largest),) = self._read("SELECT sum(bytes), max(bytes) FROM bundles WHERE here")
+        located = self._read(
+            "SELECT bundle, bytes FROM bundles WHERE here AND state = 'located' ORDER BY number"
+        )
+        return total or 0, max(largest or 0, USUAL_BUNDLE_BYTES), located
+
     def _full(self, total: int, need: int) -> str:
         count = self.count("waiting") + self.count("failed")
         if total + need > self.quota_bytes:
@@ -133,7 +152,11 @@ class Spool:
                 f"{self.folder}: full: {count} bundles that have not been located take {total / 1e6:.0f} of "
                 f"{self.quota_bytes / 1e6:.0f} MB; see why they fail, move them away or raise [run.spool] quota_mb"
             )
-        return f"{self.folder}: the disk is full, and no located bundle is left to delete; make room there"
+        free = shutil.disk_usage(self.folder).free
+        return (
+            f"{self.folder}: {free / 1e6:.0f} MB are free on its disk, and a bundle with the reserve takes "
+            f"{(LEAST_FREE_BYTES + need) / 1e6:.0f}; no located bundle is left to delete: make room there"
+        )
 
     def begin_capture(
         self, trigger: TriggerSource, leg: Movement | None, odometer: str | None = None
@@ -220,7 +243,7 @@ class Spool:
     def answer_of(self, bundle_id: str) -> Answer | None:
         """What a bundle came to; None where it is unknown or has no answer yet."""
         rows = self._read("SELECT answer FROM bundles WHERE bundle = ? AND answer IS NOT NULL", bundle_id)
-        return ANSWER.validate_json(rows[0][0]) if rows else None
+        return answer_of(rows[0][0]) if rows else None
 
     def count(self, state: BundleState) -> int:
         """How many bundles that are here are in a state."""
@@ -244,11 +267,17 @@ class Spool:
             try:
                 names = sorted(path.name for path in self.bundles_dir.iterdir())
                 for name in names:
-                    if name.startswith("."):  # was being written or deleted
-                        shutil.rmtree(self.bundles_dir / name)
+                    if name.startswith(".") and not (self.bundles_dir / name).is_symlink():
+                        shutil.rmtree(self.bundles_dir / name)  # was being written or deleted
             except OSError as error:
                 raise SpoolError(f"{self.bundles_dir}: {error.strerror}; look at its permissions") from error
-            bundles = {name for name in names if (self.bundles_dir / name / FILE_NAME).is_file()}
+            bundles = {
+                name
+                for name in names
+                if name.isprintable()  # what is no text cannot be in the index; what is no id, the search refuses
+                and not (self.bundles_dir / name).is_symlink()
+                and (self.bundles_dir / name / FILE_NAME).is_file()
+            }
             known = {row[0] for row in self._read("SELECT bundle FROM bundles WHERE here")}
             if bundles == known and recall(self._db, "capturing") is None:
                 return []

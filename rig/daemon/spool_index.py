@@ -1,5 +1,6 @@
 """The spool's index: its tables, how it is opened, and its rows as what they stand for."""
 
+import logging
 import sqlite3
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -8,14 +9,16 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
-from pydantic import TypeAdapter
+from pydantic import TypeAdapter, ValidationError
 
+from localizer.documents import DocumentError, json_text
 from localizer.track.odometry import Movement
 from rig.daemon.board import Answer, TriggerSource
 from rig.errors import RigError
 
 BundleState = Literal["waiting", "located", "failed"]
 ANSWER = TypeAdapter(Answer)
+_log = logging.getLogger(__name__)
 _VERSION = 1
 _SCHEMA = """
 CREATE TABLE bundles (
@@ -85,11 +88,12 @@ def entry_of(
     row: tuple[int, str, str, TriggerSource, str | None, BundleState, int, str | None, int, int, str | None],
 ) -> Entry:
     number, bundle, captured, trigger, boot, state, tries, reason, size, here, answer = row
-    assert trigger in get_args(TriggerSource)
+    if trigger not in get_args(TriggerSource):
+        trigger = "found"
     return Entry(
         number,
         bundle,
-        datetime.fromisoformat(captured),
+        _time_of(captured),
         trigger,
         boot,
         state,
@@ -97,8 +101,26 @@ def entry_of(
         reason,
         size,
         bool(here),
-        ANSWER.validate_json(answer) if answer else None,
+        answer_of(answer),
     )
+
+
+def _time_of(text: str) -> datetime:
+    try:
+        return datetime.fromisoformat(text)
+    except ValueError:
+        return datetime.fromtimestamp(0.0, UTC)
+
+
+def answer_of(text: str | None) -> Answer | None:
+    """The answer that a row holds; None where it holds none, or one that this version cannot read."""
+    if text is None:
+        return None
+    try:
+        return ANSWER.validate_json(json_text(text))
+    except (DocumentError, ValidationError) as error:
+        _log.warning("an answer in the spool cannot be read: %s", str(error).splitlines()[0])
+        return None
 
 
 def leg_json(leg: Movement | None) -> dict[str, Any] | None:
