@@ -85,8 +85,12 @@ def _send(out: TextIO, message: dict[str, Any]) -> None:
 
 def _located(terrain: Terrain, request: dict[str, Any]) -> dict[str, Any]:
     bundle = load_bundle(Path(request["bundle"]))
+    if bundle.directory.is_symlink():  # what is found would be written where it leads
+        raise BundleError(f"{bundle.directory}: is a link; put the bundle itself into the spool")
     if bundle.id != bundle.directory.name:
-        raise BundleError(f"{bundle.directory}: holds the bundle {bundle.id}; its folder must have the same name")
+        raise BundleError(
+            f"{bundle.directory}: holds the bundle {bundle.id}; its folder must have the same name"
+        )
     tracker = Tracker.model_validate(request["tracker"])
     begin = time.perf_counter()
     skylines = [find_skyline(frame_image(bundle, frame)) for frame in bundle.frames]

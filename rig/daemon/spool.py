@@ -267,15 +267,14 @@ class Spool:
             try:
                 names = sorted(path.name for path in self.bundles_dir.iterdir())
                 for name in names:
-                    if name.startswith(".") and not (self.bundles_dir / name).is_symlink():
-                        shutil.rmtree(self.bundles_dir / name)  # was being written or deleted
+                    if name.startswith("."):  # was being written or deleted
+                        _remove(self.bundles_dir / name)
             except OSError as error:
                 raise SpoolError(f"{self.bundles_dir}: {error.strerror}; look at its permissions") from error
             bundles = {
                 name
                 for name in names
                 if name.isprintable()  # what is no text cannot be in the index; what is no id, the search refuses
-                and not (self.bundles_dir / name).is_symlink()
                 and (self.bundles_dir / name / FILE_NAME).is_file()
             }
             known = {row[0] for row in self._read("SELECT bundle FROM bundles WHERE here")}
@@ -321,7 +320,7 @@ class Spool:
         going = self.bundles_dir / f".{bundle}.removed"
         try:
             (self.bundles_dir / bundle).rename(going)
-            shutil.rmtree(going)
+            _remove(going)
         except OSError as error:
             raise SpoolError(f"{self.bundles_dir / bundle}: cannot be deleted: {error.strerror}") from error
         with self._transaction() as db:
@@ -353,6 +352,14 @@ class Spool:
                 if self._db.in_transaction:
                     self._db.execute("ROLLBACK")
                 raise SpoolError(f"{self.folder / 'index.sqlite'}: {error}; is the disk full?") from error
+
+
+def _remove(path: Path) -> None:
+    """A folder and all in it; of a link, or what somebody else has put there, only itself."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink()
 
 
 def _size_bytes(folder: Path) -> int:
