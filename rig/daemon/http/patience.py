@@ -18,9 +18,12 @@ class PatientProtocol(H11Protocol):
         super().connection_made(transport)
         self._since_s = self.loop.time()
         self._wait(None)
-        if len(self.connections) > MOST_WAITING:
-            idle = [each for each in self.connections if isinstance(each, PatientProtocol) and each.idle]
-            min(idle, key=lambda each: each._since_s).transport.close()
+        there = [
+            p for p in self.connections if isinstance(p, PatientProtocol) and not p.transport.is_closing()
+        ]
+        if len(there) > MOST_WAITING:
+            idle = [each for each in there if each.idle]
+            min(idle, key=lambda each: each._since_s).transport.abort()
 
     @property
     def idle(self) -> bool:
