@@ -55,7 +55,7 @@ def main() -> None:
         dem = load_dem([Path(file) for file in first["dem"]], error_m=first["dem_error_m"])
         terrain = with_sound_kernels(lambda: prepare_terrain(dem))
     except SkyfixError as error:
-        _send(out, {"error": str(error)})
+        _send(out, {"error": f"[run] dem: {error}"})
         return
     _send(out, {"terrain": {"cells": int(terrain.height_m.size)}})
     with_sound_kernels(load_picture_kernels)
