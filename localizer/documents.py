@@ -23,7 +23,7 @@ MOST_VALUES = 500_000
 DEEPEST = 64
 MOST_DIGITS = 300
 """Of a whole number; what is longer is beyond what a double can be."""
-PIPE_S = 10.0
+PIPE_S = 5.0
 """Who is read from a pipe has to have said all within this time."""
 _READ_BYTES = 1 << 20
 

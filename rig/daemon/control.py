@@ -33,6 +33,8 @@ CLIENT_S = 2.0
 """Whoever connects has said what he wants and taken the answer within this time, however he spreads it."""
 MOST_CLIENTS = 16
 """The one that has been there the longest goes when another comes: it has had more time than an honest one needs."""
+BACKLOG = 128
+"""So many may come at once and wait to be taken in."""
 POLL_S = 0.25
 LONGEST_PATH = 107  # sockaddr_un
 
@@ -67,7 +69,7 @@ class ControlSocket:
             _take_away_old(path)
             self._socket.bind(str(path))
             path.chmod(0o660)
-            self._socket.listen(MOST_CLIENTS)
+            self._socket.listen(BACKLOG)
             self._socket.setblocking(False)
         except OSError as error:
             self._socket.close()
@@ -98,17 +100,24 @@ class ControlSocket:
                 self._drop(selector, client)
 
     def _accept(self, selector: selectors.BaseSelector, stop: threading.Event) -> None:
-        try:
-            accepted, _ = self._socket.accept()
-        except OSError as error:  # gone again, or no descriptor is left: then it would fail on and on
-            _log.warning("control: a client could not be taken in: %s", error.strerror)
-            stop.wait(POLL_S)
-            return
-        if len(self._clients) >= MOST_CLIENTS:
-            self._drop(selector, min(self._clients.values(), key=lambda client: client.until_s))
-        accepted.setblocking(False)
-        self._clients[accepted.fileno()] = _Client(accepted, time.monotonic() + CLIENT_S)
-        selector.register(accepted, selectors.EVENT_READ)
+        for _ in range(BACKLOG):
+            try:
+                accepted, _ = self._socket.accept()
+            except BlockingIOError:
+                return
+            except OSError as error:  # gone again, or no descriptor is left: then it would fail on and on
+                _log.warning("control: a client could not be taken in: %s", error.strerror)
+                stop.wait(POLL_S)
+                return
+            if len(self._clients) >= MOST_CLIENTS:
+                self._drop(selector, min(self._clients.values(), key=lambda client: client.until_s))
+            accepted.setblocking(False)
+            client = _Client(accepted, time.monotonic() + CLIENT_S)
+            self._clients[accepted.fileno()] = client
+            selector.register(accepted, selectors.EVENT_READ)
+            self._serve(
+                selector, client
+            )  # an honest one has asked already, and does not wait behind the others
 
     def _serve(self, selector: selectors.BaseSelector, client: _Client) -> None:
         """One step: hear more of the question, or say more of the answer."""

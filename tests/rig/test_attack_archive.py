@@ -349,4 +349,4 @@ def test_an_archive_of_other_bytes_is_taken_or_refused_in_one_line(
     try:
         assert all(load_bundle(found.directory) for found in bundles_of_archive(archive))
     except (ArchiveError, BundleError) as refusal:
-        assert str(refusal).isprintable()
+        assert str(refusal).isprintable()  # noqa: PT017
