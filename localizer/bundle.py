@@ -32,6 +32,8 @@ FILE_NAME = "bundle.json"
 MOST_BYTES = 8_000_000
 """Of ``bundle.json``; one that ``rig capture`` writes has some ten thousand."""
 MOST_PICTURE_BYTES = 512_000_000
+MOST_FRAMES = 1000
+"""Each is unpacked and looked at by whoever reads the bundle."""
 ID_PATTERN = "[0-9A-Za-z][0-9A-Za-z_.-]{0,127}"
 """What names a bundle, its folder and its place in an archive: nothing else is read, written or imported."""
 ALTITUDE_STEP = "altitude"
@@ -182,7 +184,7 @@ class Bundle(_Part):
     azimuth_bias_sigma_deg: AngleSigma
     """Of the error common to all frames; 180: there was no compass."""
     tilt_bias_sigma_deg: AngleSigma
-    frames: Annotated[tuple[Frame, ...], Field(min_length=1)]
+    frames: Annotated[tuple[Frame, ...], Field(min_length=1, max_length=MOST_FRAMES)]
     prior: Prior | None = None
 
     _directory: Path | None = PrivateAttr(default=None)

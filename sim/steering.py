@@ -97,13 +97,15 @@ def steer(path: Path, request: Mapping[str, Any]) -> dict[str, Any]:
     Raises:
         SimulationError: there is none, or it cannot do that.
     """
+    from sim.documents import values_of
+
     try:
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as rig:
             rig.settimeout(DRAWING_S)
             rig.connect(str(path))
             rig.sendall(json.dumps(request).encode() + b"\n")
             with rig.makefile("rb") as lines:
-                answer: dict[str, Any] = json.loads(lines.readline() or b"{}")
+                answer: dict[str, Any] = values_of(lines.readline() or b"{}")
     except OSError as error:
         raise SimulationError(f"{path}: no simulated rig answers there: {error.strerror or error}") from error
     if not answer or "error" in answer:

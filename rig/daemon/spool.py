@@ -23,7 +23,7 @@ from typing import Any, Self
 
 from localizer.bundle import FILE_NAME
 from localizer.track.odometry import Movement
-from localizer.track.tracker import Tracker
+from localizer.track.tracker import Tracker, TrackerError
 from rig.bundle.writer import LEAST_FREE_BYTES
 from rig.daemon.board import Answer, TriggerSource
 from rig.daemon.boot import boot_id
@@ -38,10 +38,11 @@ from rig.daemon.spool_index import (
     composed,
     entry_of,
     leg_json,
-    leg_of,
     open_index,
     recall,
     remember,
+    stored_intent,
+    stored_leg,
 )
 
 __all__ = ["BundleState", "Entry", "Spool", "SpoolError", "SpoolFullError"]
@@ -194,12 +195,16 @@ class Spool:
             text, tracked = recall(self._db, "tracker"), recall(self._db, "tracked")
             if text is None or tracked is None:
                 return Tracker(), None
+            if not tracked.isdecimal():
+                raise TrackerError(
+                    f"state of a track: {tracked[:20]!r} is no bundle's number; a new track is begun"
+                )
             legs = self._read(
                 "SELECT leg FROM bundles WHERE number > ? AND number <= ? ORDER BY number",
                 int(tracked),
                 entry.number,
             )
-        return Tracker.from_json(text), composed([leg_of(json.loads(leg or "null")) for (leg,) in legs])
+        return Tracker.from_json(text), composed([stored_leg(leg) for (leg,) in legs])
 
     def set_answer(self, answer: Answer, tracker: Tracker) -> None:
         """Store what a bundle came to and the tracker's state after it, both or neither."""
@@ -289,7 +294,7 @@ class Spool:
                         "WHERE bundle = ?",
                         (name,),
                     )
-                intent = json.loads(recall(db, "capturing") or "{}")
+                intent = stored_intent(recall(db, "capturing"))
                 for name in new:
                     self._take_in(db, name, intent if name == new[-1] else {})
                 if new and intent.get("odometer"):
