@@ -30,10 +30,26 @@ SEEDS = [
 ]
 WORDS = st.sampled_from(
     [
-        b"[", b"]", b"{", b"}", b'"', b":", b",", b"=", b"\n", b"\r", b"\\u", b"\xff", b"\xff\xff\xfd\x00", b"$", b"*", b"1e999", b"NaN",
-        b"9" * 500, b"\x00", b"PK\x03\x04", b"PK\x01\x02", b"PK\x05\x06", b"\x1f\x8b\x08\x00", b"ustar", b"HCHDG", b"P,", b'"do"', b'"id"',
+        *(
+            b"[",
+            b"]",
+            b"{",
+            b"}",
+            b'"',
+            b":",
+            b",",
+            b"=",
+            b"\n",
+            b"\r",
+            b"\\u",
+            b"\xff",
+            b"\xff\xff\xfd\x00",
+            b"$",
+        ),
+        *(b"*", b"1e999", b"NaN", b"9" * 500, b"\x00", b"PK\x03\x04", b"PK\x01\x02", b"PK\x05\x06"),
+        *(b"\x1f\x8b\x08\x00", b"ustar", b"HCHDG", b"P,", b'"do"', b'"id"'),
     ]
-)  # fmt: skip
+)
 
 
 @pytest.mark.parametrize("target", TARGETS)
