@@ -20,7 +20,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path, PurePosixPath
 from typing import IO, Any, cast
 
-from localizer.bundle import FILE_NAME, Bundle, load_bundle
+from localizer.bundle import FILE_NAME, MOST_FRAMES, Bundle, load_bundle
 from rig.atomic import sync
 from rig.bundle.limits import ArchiveError, Slices, Tally, checked_name, is_plain
 from rig.bundle.writer import LEAST_FREE_BYTES
@@ -28,6 +28,7 @@ from rig.bundle.writer import LEAST_FREE_BYTES
 SUMS_NAME = "SHA256SUMS"
 MOST_SUMS_BYTES = 8_000_000
 CHUNK_BYTES = 1 << 18
+MOST_IN_FOLDER = 2 * MOST_FRAMES
 STAGING = ".import-"
 
 _DAMAGED = (
@@ -77,6 +78,7 @@ def _bundles(
     seen: dict[str, str] = {}
     tops: set[str] = set()
     current: str | None = None
+    in_folder = 0
     for name, stream, size in _members(path):
         top = PurePosixPath(name).parts[0]
         if current is not None and top != current:
@@ -92,8 +94,12 @@ def _bundles(
         else:
             if current is None and top in tops:
                 raise ArchiveError(f"its files of {top} do not stand together")
-            current = top
-            tops.add(top)
+            if top != current:
+                current, in_folder = top, 0
+                tops.add(top)
+            in_folder += 1
+            if in_folder > MOST_IN_FOLDER:
+                raise ArchiveError(f"its folder {top} holds more files than any bundle")
             seen[name] = _written(folder, name, stream, size)
     if current is not None:
         yield _whole(folder / current, stray)

@@ -207,6 +207,13 @@ def test_thousands_of_empty_members_are_refused(
         assert "more than 300 files" in refused(write_archive_of(tmp_path / "y.zip", folders), home)
 
 
+def test_a_folder_with_more_files_than_a_bundle_is_refused_without_waiting_for_the_rest(
+    written: Path, tmp_path: Path, home: Path
+) -> None:
+    members = [(f"{written.name}/x{number}", b"") for number in range(unpack.MOST_IN_FOLDER + 10)]
+    assert "more files than any bundle" in refused(write_archive_of(tmp_path / "x.tar", members), home)
+
+
 def test_a_header_that_asks_for_megabytes_is_refused(written: Path, tmp_path: Path, home: Path) -> None:
     """A tar's extended headers and a zip's directory are read at once by the libraries, as large as they say they are."""
     archive = tmp_path / "x.tar.gz"
