@@ -137,7 +137,7 @@ def _shown(found: dict[str, Any]) -> str:
             f"  {frame['label']}: azimuth {frame['azimuth_deg']:.2f}, tilt {frame['tilt_deg']:z.2f}, "
             f"roll {frame['roll_deg']:z.2f} deg{seen}"
         )
-        if frame["servo_volts"]:
+        if frame["servo_volts"] and frame["servo_temperatures_c"]:
             volts, temps = (
                 "/".join(f"{value:g}" for value in frame[key])
                 for key in ("servo_volts", "servo_temperatures_c")

@@ -214,13 +214,13 @@ def _staging(out_dir: Path) -> Iterator[Path]:
 
 @contextmanager
 def _locked(folder: Path) -> Iterator[bool]:
-    """Hold a folder's lock; False where another process has it."""
+    """Hold a folder's lock; False where another process has it, or the disk knows no locks (NFS, FUSE)."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
     try:
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             is_ours = True
-        except BlockingIOError:
+        except OSError:
             is_ours = False
         yield is_ours
     finally:

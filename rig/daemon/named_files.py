@@ -38,7 +38,11 @@ def check_dem(run: RunSection, config_path: Path) -> None:
             continue
         try:
             found = file.stat()
-            problem = "is empty" if stat.S_ISREG(found.st_mode) and found.st_size == 0 else None
+            problem = None
+            if not (stat.S_ISREG(found.st_mode) or stat.S_ISDIR(found.st_mode)):
+                problem = "is neither a file nor a folder"  # a pipe would be waited for
+            elif stat.S_ISREG(found.st_mode) and found.st_size == 0:
+                problem = "is empty"
             if problem is None and not os.access(file, os.R_OK):
                 problem = "may not be read by this user"
         except OSError as error:

@@ -7,9 +7,11 @@ import subprocess
 import sys
 import time
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
+import click
 import lz4.frame
 import numpy as np
 import pytest
@@ -21,14 +23,16 @@ from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
 from PIL import Image
 
-from localizer.bundle import BundleError, load_bundle
+from localizer.bundle import BundleError, Camera, load_bundle
 from localizer.errors import SkyfixError
 from localizer.track.tracker import TrackerError
+from rig.bundle.writer import BundleWriteError, FrameRecord, Measurement, write_bundle
 from rig.calibrate.board import parse_board
 from rig.calibrate.camera import views_from_files
 from rig.calibrate.naming import name_in_config
 from rig.calibration import CalibrationError, read_calibration
 from rig.cli import rig
+from rig.clock import utc_now
 from rig.config import load_config
 from rig.daemon.config import control_in_bad
 from rig.daemon.http.guard import read_token
@@ -357,6 +361,89 @@ def test_a_picture_for_a_calibration_is_looked_at_before_it_is_unpacked(tmp_path
     board = parse_board("chessboard:7x5:30")
     with pytest.raises(CalibrationError, match=r"x\.png"):
         views_from_files(board, str(tmp_path / "x.png"), (640, 480))
+
+
+# ---- what a bundle's writer leaves to itself
+
+LEAVES = (
+    st.none()
+    | st.booleans()
+    | st.integers(-5, 5000)
+    | st.floats(allow_nan=False, allow_infinity=False)
+    | st.text(max_size=4)
+)
+VALUES = LEAVES | st.lists(LEAVES, max_size=3) | st.dictionaries(st.text(max_size=3), LEAVES, max_size=2)
+
+
+def nodes(tree: object, at: tuple[object, ...] = ()) -> Iterator[tuple[object, ...]]:
+    """The path to every node below a root."""
+    for key, value in (
+        tree.items() if isinstance(tree, dict) else enumerate(tree) if isinstance(tree, list) else ()
+    ):
+        yield (*at, key)
+        yield from nodes(value, (*at, key))
+
+
+def other_extras(data: st.DataObject, document: dict[str, Any]) -> None:
+    """Other values somewhere in ``raw`` and ``calibration``, which no reader checks."""
+    extras = {
+        "raw": document["raw"],
+        "calibration": document["calibration"],
+        "frame": document["frames"][0]["raw"],
+    }
+    for _ in range(data.draw(st.integers(1, 3))):
+        *above, key = data.draw(st.sampled_from(sorted(nodes(extras), key=repr)))
+        parent: Any = extras
+        for step in above:
+            parent = parent[step]
+        parent[key] = data.draw(VALUES)
+    document["raw"], document["calibration"] = extras["raw"], extras["calibration"]
+    document["frames"][0]["raw"] = extras["frame"]
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@given(data=st.data())
+def test_bundles_whose_extra_fields_make_no_sense_are_listed_and_shown(
+    tmp_path: Path, data: st.DataObject
+) -> None:
+    folder = tmp_path / "bundles"
+    if not folder.exists():
+        (tmp_path / "sound.json").write_bytes((write_one(folder) / "bundle.json").read_bytes())
+    (bundle,) = folder.iterdir()
+    document = json.loads((tmp_path / "sound.json").read_text())
+    other_extras(data, document)
+    (bundle / "bundle.json").write_text(json.dumps(document))
+    for words in (
+        ["show", str(bundle)],
+        ["list", str(folder)],
+        ["list", "--csv", str(folder)],
+        ["list", "--json", str(folder)],
+    ):
+        told = CliRunner().invoke(rig, ["bundle", *words], standalone_mode=False)
+        assert told.exception is None, told.exception
+        assert "\x1b" not in told.output
+    told = CliRunner().invoke(
+        rig, ["bundle", "recalibrate", str(bundle), "--out", str(tmp_path / "anew")], standalone_mode=False
+    )
+    assert told.exception is None or isinstance(told.exception, SkyfixError | click.UsageError)
+
+
+@pytest.mark.parametrize("label", ["../../../evil", "/evil", "a/b", "..", ".hidden", "C:x", "N"])
+def test_a_bundle_derived_anew_puts_no_picture_elsewhere_whatever_its_label(
+    tmp_path: Path, label: str
+) -> None:
+    image, out = np.zeros((48, 64, 3), np.uint8), tmp_path / "field" / "bundles"
+    camera = Camera(width_px=64, height_px=48, fx_px=50.0, fy_px=50.0, cx_px=31.5, cy_px=23.5)
+    frame = FrameRecord(label, image, utc_now(), 0.1, 0.1, 5.0, 0.01, -0.3, 0.02, {})
+    written = write_bundle(out, Measurement(utc_now(), camera, 2.0, None, 1.0, 0.02, [frame], {}, {}))
+    assert load_bundle(written).frames[0].label == label
+    assert [path.name for path in tmp_path.iterdir()] == ["field"]
+    assert list((tmp_path / "field").iterdir()) == [out]
+    assert list(out.iterdir()) == [written]
+    wrong = FrameRecord(label, image, utc_now(), 0.1, 0.1, 1e6, 0.01, -0.3, 0.02, {})
+    with pytest.raises(BundleWriteError, match="no valid bundle: tilt_deg"):
+        write_bundle(out, Measurement(utc_now(), camera, 2.0, None, 1.0, 0.02, [wrong], {}, {}))
+    assert list(out.iterdir()) == [written]
 
 
 # ---- any configuration
