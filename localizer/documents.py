@@ -72,9 +72,9 @@ def read_json(path: Path, most_bytes: int = MOST_JSON_BYTES) -> Any:
     return json_values(read_file(path, most_bytes), most_bytes)
 
 
-def read_toml(path: Path, most_bytes: int = MOST_TOML_BYTES) -> dict[str, Any]:
-    """The tables of a TOML file. Raises ``OSError`` and ``DocumentError``."""
-    return toml_values(read_file(path, most_bytes), most_bytes)
+def read_toml(path: Path, most_bytes: int = MOST_TOML_BYTES, *, dotted: bool = False) -> dict[str, Any]:
+    """The tables of a TOML file; ``dotted`` as ``toml_values`` has it. Raises ``OSError`` and ``DocumentError``."""
+    return toml_values(read_file(path, most_bytes), most_bytes, dotted=dotted)
 
 
 def json_text(content: bytes | str, most_bytes: int = MOST_JSON_BYTES) -> str:
@@ -103,8 +103,12 @@ def json_values(content: bytes | str, most_bytes: int = MOST_JSON_BYTES) -> Any:
     return values
 
 
-def toml_values(content: bytes | str, most_bytes: int = MOST_TOML_BYTES) -> dict[str, Any]:
+def toml_values(
+    content: bytes | str, most_bytes: int = MOST_TOML_BYTES, *, dotted: bool = False
+) -> dict[str, Any]:
     """The tables of a TOML document: UTF-8, with or without a byte order mark. Raises ``DocumentError``.
+
+    The error names a place as ``[camera] fx_px``, or as ``camera.fx_px`` where ``dotted``.
 
     Numbers and texts as ``json_values`` has them; TOML's inf and nan are in no file of ours.
     """
@@ -118,7 +122,7 @@ def toml_values(content: bytes | str, most_bytes: int = MOST_TOML_BYTES) -> dict
         raise DocumentError(f"is nested more than {DEEPEST} deep") from None
     except ValueError as error:  # tomllib's own error is one; others come of numbers and dates
         raise DocumentError(f"is not valid TOML: {error}") from None
-    _check_values(tables, _toml_place)
+    _check_values(tables, _json_place if dotted else _toml_place)
     return tables
 
 

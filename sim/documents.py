@@ -16,7 +16,7 @@ MOST_LOG_BYTES = 256_000_000
 def toml_file(what: str, path: Path) -> dict[str, Any]:
     """The tables of a file; ``what`` it is stands before its name. Raises ``SimulationError``."""
     try:
-        return read_toml(path)
+        return read_toml(path, dotted=True)
     except OSError as error:
         raise SimulationError(
             f"{what} {path}: {error.strerror or error}; name a readable TOML file"

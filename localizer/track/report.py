@@ -4,6 +4,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from localizer.bundle import BundleId
 from localizer.dem import Dem
 from localizer.fix import Fix, Probability
 from localizer.geodesy import enu_to_metric_jacobian, lonlat_to_rowcol, rowcol_to_metric
@@ -39,7 +40,7 @@ class TrackLine(_Part):
     """
 
     schema_name: Literal["skyfix.track/1"] = Field(default="skyfix.track/1", alias="schema")
-    bundle: str
+    bundle: BundleId
     mode: Mode
     fix: Fix
     hypotheses: tuple[TrackHypothesis, ...]
