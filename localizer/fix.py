@@ -4,8 +4,6 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from localizer.bundle import BundleId
-
 Probability = Annotated[float, Field(ge=0.0, le=1.0)]
 Status = Literal["fix", "ambiguous", "none"]
 
@@ -83,7 +81,7 @@ class Fix(_Part):
     """The result of a search. ``position`` and ``covariance_m2`` are null where ``status`` is "none"."""
 
     schema_name: Literal["skyfix.fix/1"] = Field(default="skyfix.fix/1", alias="schema")
-    bundle: BundleId
+    bundle: str
     status: Status
     position: Position | None
     covariance_m2: tuple[tuple[float, float], tuple[float, float]] | None

@@ -4,7 +4,6 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from localizer.bundle import BundleId
 from localizer.dem import Dem
 from localizer.fix import Fix, Probability
 from localizer.geodesy import enu_to_metric_jacobian, lonlat_to_rowcol, rowcol_to_metric
@@ -40,7 +39,7 @@ class TrackLine(_Part):
     """
 
     schema_name: Literal["skyfix.track/1"] = Field(default="skyfix.track/1", alias="schema")
-    bundle: BundleId
+    bundle: str
     mode: Mode
     fix: Fix
     hypotheses: tuple[TrackHypothesis, ...]
