@@ -132,7 +132,7 @@ def test_who_asks_much_and_reads_nothing_is_cut_off(
         assert b"\n" not in heard
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=80, deadline=None, suppress_health_check=list(HealthCheck))
 @given(
     st.binary(max_size=60)
     | st.recursive(

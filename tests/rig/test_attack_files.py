@@ -266,7 +266,7 @@ def test_a_chunk_of_telemetry_that_unpacks_to_too_much_is_not_unpacked(
         list(TelemetryFile(path))
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
 @given(data=st.data(), compression=st.sampled_from(list(CompressionType)))
 def test_telemetry_of_other_bytes_is_read_as_far_as_it_goes(
     tmp_path: Path, data: st.DataObject, compression: CompressionType
@@ -401,7 +401,7 @@ def other_extras(data: st.DataObject, document: dict[str, Any]) -> None:
     document["frames"][0]["raw"] = extras["frame"]
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_bundles_whose_extra_fields_make_no_sense_are_listed_and_shown(
     tmp_path: Path, data: st.DataObject
@@ -449,7 +449,7 @@ def test_a_bundle_derived_anew_puts_no_picture_elsewhere_whatever_its_label(
 # ---- any configuration
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_a_configuration_of_other_bytes_is_taken_or_refused_in_one_line(
     tmp_path: Path, data: st.DataObject

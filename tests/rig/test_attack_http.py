@@ -53,7 +53,7 @@ class Server:
             try:
                 for part in parts:
                     client.sendall(part)
-                client.settimeout(0.5)
+                client.settimeout(0.25)
                 while part := client.recv(1 << 16):
                     heard += part
             except (TimeoutError, ConnectionError):
@@ -244,7 +244,7 @@ def test_not_ready_is_answered_with_the_reason(tmp_path: Path) -> None:
     ],
 )  # fmt: skip
 def test_paths_lead_nowhere_else(server: Server, path: str) -> None:
-    asked = f"GET {path.replace('{id}', bundle_id(1))} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode()
+    asked = f"GET {path.replace('{id}', bundle_id(1))} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n".encode()
     assert server.answer_to(asked).split()[1] in (b"400", b"404", b"405", b"422")
 
 
@@ -256,7 +256,7 @@ PIECES = [
 ]  # fmt: skip
 
 
-@settings(max_examples=80, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))
 @given(parts=st.lists(st.sampled_from(PIECES) | st.binary(max_size=20), min_size=1, max_size=12))
 def test_any_bytes_leave_the_server_as_it_was(server: Server, parts: list[bytes]) -> None:
     with server.connected() as client:
