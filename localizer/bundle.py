@@ -6,6 +6,7 @@ The model belongs to its reader; whoever writes bundles constructs it and stores
 import hashlib
 import json
 import math
+import re
 from datetime import UTC, datetime
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, Literal, Self, TypeAlias
@@ -23,10 +24,18 @@ from pydantic import (
 )
 
 from localizer.camera import invertible_share
+from localizer.documents import DocumentError, json_text, read_file
 from localizer.errors import SkyfixError
 from localizer.picture import MOST_PIXELS, PictureError, decode_picture
 
 FILE_NAME = "bundle.json"
+MOST_BYTES = 8_000_000
+"""Of ``bundle.json``; one that ``rig capture`` writes has some ten thousand."""
+MOST_PICTURE_BYTES = 512_000_000
+MOST_FRAMES = 1000
+"""Each is unpacked and looked at by whoever reads the bundle."""
+ID_PATTERN = "[0-9A-Za-z][0-9A-Za-z_.-]{0,127}"
+"""What names a bundle, its folder and its place in an archive: nothing else is read, written or imported."""
 ALTITUDE_STEP = "altitude"
 """The first step of the search; the others bear the frames' labels."""
 
@@ -47,6 +56,17 @@ def _printable(text: str) -> str:
     return text
 
 
+def is_bundle_id(text: str) -> bool:
+    """Whether a text can be a bundle's id, and so the name of its folder."""
+    return re.fullmatch(ID_PATTERN, text) is not None
+
+
+def _bundle_id(text: str) -> str:
+    if not is_bundle_id(text):
+        raise ValueError("should be 1 to 128 characters of 0-9 A-Z a-z _ . -, the first no sign")
+    return text
+
+
 def _no_step(label: str) -> str:
     if label == ALTITUDE_STEP:
         raise ValueError(f"should not be {label!r}, which is what a step of the search is called")
@@ -60,7 +80,7 @@ def _inside(file: str) -> str:
     return file
 
 
-Name: TypeAlias = Annotated[str, Field(min_length=1, max_length=128), AfterValidator(_printable)]
+BundleId: TypeAlias = Annotated[str, AfterValidator(_bundle_id)]
 Label: TypeAlias = Annotated[
     str, Field(min_length=1, max_length=64), AfterValidator(_printable), AfterValidator(_no_step)
 ]
@@ -155,7 +175,7 @@ class Bundle(_Part):
     """One measurement: the pictures that a rig took at one place, with calibrated readings."""
 
     schema_name: Literal["skyfix.bundle/1"] = Field(default="skyfix.bundle/1", alias="schema")
-    id: Name
+    id: BundleId
     created: UtcTime
     camera: Camera
     mast_height_m: Annotated[float, Field(ge=0.0, le=1000.0)]
@@ -164,7 +184,7 @@ class Bundle(_Part):
     azimuth_bias_sigma_deg: AngleSigma
     """Of the error common to all frames; 180: there was no compass."""
     tilt_bias_sigma_deg: AngleSigma
-    frames: Annotated[tuple[Frame, ...], Field(min_length=1)]
+    frames: Annotated[tuple[Frame, ...], Field(min_length=1, max_length=MOST_FRAMES)]
     prior: Prior | None = None
 
     _directory: Path | None = PrivateAttr(default=None)
@@ -204,12 +224,14 @@ def load_bundle(path: Path) -> Bundle:
     if file.exists() and not file.is_file():  # a pipe would be waited for
         raise BundleError(f"{file}: is not a file but a directory or a pipe, so {path} is not a bundle")
     try:
-        text = file.read_bytes()
+        text = read_file(file, MOST_BYTES)
+    except DocumentError as error:
+        raise BundleError(f"{file}: {error}") from None
     except FileNotFoundError:
         raise BundleError(f"{path}: holds no {FILE_NAME}, so it is not a bundle") from None
     except OSError as error:
         raise BundleError(f"{file}: {error.strerror}") from None
-    bundle = _parse(text, file)
+    bundle = parse_bundle(text, str(file))
     bundle._directory = path
     for frame in bundle.frames:
         frame_image(bundle, frame)
@@ -241,7 +263,9 @@ def _content(directory: Path, name: str, place: str) -> bytes:
             raise BundleError(f"{place}: {name} leads outside the bundle")
         if file.exists() and not file.is_file():  # a pipe would be waited for
             raise BundleError(f"{place}: {name} is not a file but a directory or a pipe")
-        return file.read_bytes()
+        return read_file(file, MOST_PICTURE_BYTES)
+    except DocumentError as error:
+        raise BundleError(f"{place}: {name} {error}") from None
     except FileNotFoundError:
         raise BundleError(f"{place}: {name} is missing; the bundle is incomplete") from None
     except OSError as error:
@@ -256,9 +280,12 @@ def sha256_of(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _parse(text: bytes, file: Path) -> Bundle:
+def parse_bundle(content: bytes, file: str) -> Bundle:
+    """The bundle that a ``bundle.json`` describes, without its pictures. ``BundleError`` names ``file`` and the field."""
     try:
-        bundle = Bundle.model_validate_json(text, strict=True)
+        bundle = Bundle.model_validate_json(json_text(content, MOST_BYTES), strict=True)
+    except DocumentError as error:
+        raise BundleError(f"{file}: {error}") from None
     except ValidationError as error:
         raise BundleError(f"{file}: {_first_of(error)}") from None
     # has a default for whoever constructs a bundle, but a file must say what it is

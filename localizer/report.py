@@ -13,6 +13,7 @@ from localizer.bundle import Bundle
 from localizer.crs import WGS84, readable_name, transform_xy
 from localizer.dem import Dem
 from localizer.details import CONTRADICTS, LocateDetails, LocateResult
+from localizer.documents import MOST_JSON_BYTES, DocumentError, json_text, read_file
 from localizer.errors import SkyfixError
 from localizer.fix import Fix, Position
 from localizer.geodesy import meridian_convergence_deg
@@ -61,10 +62,12 @@ class EllipseAxes(NamedTuple):
 def load_truth(path: Path) -> Truth:
     """Read a JSON file with easting_m, northing_m and crs. Raises ``SkyfixError``."""
     try:
-        truth = Truth.model_validate_json(path.read_bytes())
+        truth = Truth.model_validate_json(json_text(read_file(path, MOST_JSON_BYTES)))
         crs = CRS.from_user_input(truth.crs)
     except OSError as error:
         raise SkyfixError(f"{path}: {error.strerror}") from None
+    except DocumentError as error:
+        raise SkyfixError(f"{path}: {error}") from None
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         field = ".".join(str(part) for part in first["loc"])

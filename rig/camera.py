@@ -128,7 +128,7 @@ class Camera:
             with urllib.request.urlopen(
                 url.replace("{ev}", f"{ev:g}"), timeout=self._section.read_timeout_s
             ) as reply:
-                reply.read()
+                reply.read1(4096)  # how much more it says, and how slowly, is its own affair
         except (OSError, http.client.HTTPException) as error:
             raise self._error(
                 f"takes no exposure ({error})", "check its network and [camera] exposure_url"

@@ -6,7 +6,6 @@
 import logging
 import os
 import re
-import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Literal, Self
@@ -22,6 +21,7 @@ from pydantic import (
     model_validator,
 )
 
+from localizer.documents import DocumentError, read_toml
 from rig.calibration import CALIBRATION_ORDER, AppliedCalibration, CalibrationError, read_calibration
 from rig.config_problems import joined, wrong_keys, wrong_value
 from rig.config_section import Section
@@ -402,14 +402,13 @@ def load_config(path: Path) -> RigConfig:
     ``ConfigError``, one line, names the file, the section and the key, and for a misspelt key the likely one.
     """
     try:
-        with path.open("rb") as file:
-            tables = tomllib.load(file)
+        tables = read_toml(path)
     except OSError as error:
         raise ConfigError(
             f"{path}: cannot be read: {error.strerror}; check --config or {ENVIRONMENT_VARIABLE}"
         ) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: is not valid TOML: {error}") from error
+    except DocumentError as error:
+        raise ConfigError(f"{path}: {error}") from error
     problems = list(wrong_keys(tables, RigConfig))
     if problems:
         raise ConfigError(f"{path}: {joined(problems)}")

@@ -11,7 +11,7 @@ import tempfile
 import threading
 from collections import defaultdict, deque
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from sim.devices.camera_stream import CameraStream
 from sim.devices.i2c_bridge import I2cBridge
 from sim.devices.pty_port import PtyPort
 from sim.errors import SimulationError
+from sim.recorded import check_config, check_exchange
 
 LOG_VERSION = 1
 NO_ACKNOWLEDGE = 121
@@ -104,30 +105,29 @@ def load_log(path: Path) -> tuple[dict[str, Any], list[Exchange]]:
     Raises:
         SimulationError: it cannot be read, or is no such log.
     """
+    from sim.documents import log_lines, values_of  # of the commands; what plays the devices does without
+
+    lines = log_lines(path)
     try:
-        lines = path.read_text(encoding="ascii").splitlines()
-        header = json.loads(lines[0]) if lines else {}
-        if header.get("skyfix_log") != LOG_VERSION:
-            raise SimulationError(f"log {path}: is no log of rig record, version {LOG_VERSION}")
-        exchanges = [json.loads(line) for line in lines[1:-1]]
-        if lines[1:]:
-            exchanges += _unless_cut(lines[-1])
-    except OSError as error:
-        raise SimulationError(f"log {path}: {error.strerror or error}; name a readable file") from error
-    except (ValueError, AttributeError) as error:
+        header = values_of(lines[0]) if lines else None
+        if not isinstance(header, dict) or header.get("skyfix_log") != LOG_VERSION:
+            raise ValueError(f"it does not begin as version {LOG_VERSION} does")
+        exchanges = [values_of(line) for line in lines[1:-1]]
+        with suppress(SimulationError):  # the last one may be cut off
+            exchanges += [values_of(line) for line in lines[1:][-1:]]
+        for exchange in exchanges:
+            check_exchange(exchange)
+    except (ValueError, SimulationError) as error:
         raise SimulationError(f"log {path}: is no log of rig record: {error}") from error
     if not exchanges:
         raise SimulationError(
             f"log {path}: holds nothing that a device was asked or said; record a command that got as far as the devices"
         )
-    return header["config"], exchanges
-
-
-def _unless_cut(line: str) -> list[Exchange]:
     try:
-        return [json.loads(line)]
-    except ValueError:
-        return []
+        check_config(header.get("config"))
+    except ValueError as error:
+        raise SimulationError(f"log {path}: is no log of rig record: {error}") from error
+    return header["config"], exchanges
 
 
 @contextmanager

@@ -3,7 +3,6 @@
 Sigmas are what a draw is made from; the values drawn for one seed are in ``World.biases``.
 """
 
-import tomllib
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar
 
@@ -199,15 +198,9 @@ def read_toml(path: Path, model: type[Model], example: str) -> Model:
     Raises:
         SimulationError: the file cannot be read, is no TOML, or has a key or value that the model does not have.
     """
-    try:
-        with path.open("rb") as file:
-            content = tomllib.load(file)
-    except OSError as error:
-        raise SimulationError(
-            f"scenario {path}: {error.strerror or error}; name a readable TOML file"
-        ) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise SimulationError(f"scenario {path}: not valid TOML: {error}") from error
+    from sim.documents import toml_file  # of the commands; who makes a world with ``Scenario`` does without
+
+    content = toml_file("scenario", path)
     try:
         return model.model_validate(content)
     except ValidationError as error:

@@ -19,6 +19,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from localizer.answer import Located, fix_of
 from localizer.bundle import Bundle, frame_image
 from localizer.contradiction import Settled, settle_frames
+from localizer.documents import DocumentError, json_text
 from localizer.errors import SkyfixError
 from localizer.fix import Fix
 from localizer.geodesy import lonlat_to_rowcol, rowcol_to_lonlat
@@ -93,7 +94,9 @@ class Tracker(BaseModel):
     def from_json(cls, text: str | bytes) -> Self:
         """What ``to_json`` wrote. Raises ``TrackerError``."""
         try:
-            return cls.model_validate_json(text)
+            return cls.model_validate_json(json_text(text))
+        except DocumentError as error:
+            raise TrackerError(f"state of a track: {error}; start a new track") from None
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             where = ".".join(str(part) for part in first["loc"])

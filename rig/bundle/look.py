@@ -137,7 +137,7 @@ def _shown(found: dict[str, Any]) -> str:
             f"  {frame['label']}: azimuth {frame['azimuth_deg']:.2f}, tilt {frame['tilt_deg']:z.2f}, "
             f"roll {frame['roll_deg']:z.2f} deg{seen}"
         )
-        if frame["servo_volts"]:
+        if frame["servo_volts"] and frame["servo_temperatures_c"]:
             volts, temps = (
                 "/".join(f"{value:g}" for value in frame[key])
                 for key in ("servo_volts", "servo_temperatures_c")
@@ -183,8 +183,14 @@ def _verified(paths: tuple[Path, ...]) -> Iterator[tuple[str, str | None]]:
     for path in paths:
         try:
             if is_archive(path):
-                for bundle in bundles_of_archive(path):
+                strays: list[str] = []
+                for bundle in bundles_of_archive(path, stray=strays.append):
                     yield f"{path}: {bundle.id}", None
+                if strays:
+                    yield (
+                        str(path),
+                        f"{path}: holds {strays[0]!r}, which no bundle lists ({len(strays)} files)",
+                    )
             else:
                 for where, result in loaded((path,)):
                     yield str(where), str(result) if isinstance(result, BundleError) else None

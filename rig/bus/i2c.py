@@ -140,6 +140,9 @@ class BridgeI2c:
             raise
         if status:
             raise OSError(status, os.strerror(status))
+        if len(data) != read_length:
+            self.close()
+            raise OSError(errno.EIO, f"the I2C bridge sent {len(data)} bytes, not {read_length}")
         return data
 
     def close(self) -> None:
@@ -155,8 +158,9 @@ class BridgeI2c:
 
 
 def _receive(connection: socket.socket, length: int) -> bytes:
-    data = bytearray()
+    data, deadline = bytearray(), Deadline.after(_BRIDGE_TIMEOUT_S)  # for all of it, not for each part
     while len(data) < length:
+        connection.settimeout(max(0.001, deadline.remaining_s))
         part = connection.recv(length - len(data))
         if not part:
             raise OSError(errno.ECONNRESET, "the I2C bridge closed the connection")

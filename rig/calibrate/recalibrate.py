@@ -35,7 +35,7 @@ def recalibrate(directory: Path, calibrations: Sequence[AppliedCalibration], out
     bundle = load_bundle(directory)
     try:
         measurement = _measurement(bundle, with_calibrations(recorded_config(bundle), calibrations))
-    except (KeyError, TypeError, IndexError) as error:
+    except (KeyError, TypeError, IndexError, AttributeError, ValueError, ArithmeticError) as error:
         raise CalibrationError(
             f"{directory}: its raw readings are not all there ({error}); only bundles of rig capture can be recalibrated"
         ) from error

@@ -85,6 +85,8 @@ class Snapshot:
     """The latest answer, whatever its status."""
     last_fix: Answer | None
     """The latest answer that is a fix: possibly of long ago."""
+    storage: str | None = None
+    """Why the spool takes no further bundle; None where it does."""
     moved: Instant | None = None
     """When the vehicle was last seen to move: at rest since then, as far as anybody watches."""
     counts: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
@@ -169,6 +171,13 @@ class Board:
             if bundles != self._now.waiting:
                 self._now = dataclasses.replace(self._now, waiting=bundles)
                 self._tell("status", {"waiting": bundles})
+
+    def set_storage(self, problem: str | None) -> None:
+        """Say why the spool takes no further bundle, None where it does; the same again is no event."""
+        with self._lock:
+            if problem != self._now.storage:
+                self._now = dataclasses.replace(self._now, storage=problem)
+                self._tell("status", {"storage": problem})
 
     def set_device(self, name: str, state: DeviceState, detail: str) -> None:
         """Say how a device is; the same again is no event, and keeps the time since when."""

@@ -1,12 +1,12 @@
 """``[run]`` of the configuration: what the daemon does by itself, and where it publishes."""
 
 import re
-import tomllib
 from pathlib import Path
 from typing import Annotated, Literal, Self, get_args
 
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
+from localizer.documents import DocumentError, read_toml
 from rig.config_section import Section
 
 
@@ -156,16 +156,14 @@ def control_in_bad(path: Path) -> Path | None:
     A daemon that has refused it goes on with the one before, and whoever wants to know why has to reach it.
     """
     try:
-        with path.open("rb") as file:
-            named = tomllib.load(file)["run"]
+        named = read_toml(path)["run"]
         told = {"control": named["control"]} if "control" in named else {}
         if "dir" in named.get("spool", {}):
             told["spool"] = {"dir": named["spool"]["dir"]}
         return RunSection.model_validate({"dem": ["any"], **told}).beside(path.parent).control
     except (
         OSError,
-        UnicodeDecodeError,
-        tomllib.TOMLDecodeError,
+        DocumentError,
         KeyError,
         TypeError,
         AttributeError,

@@ -17,6 +17,7 @@ from rig.daemon.captures import Captures
 from rig.daemon.config import RunSection
 from rig.daemon.device_watch import all_tried, obstacle
 from rig.daemon.memory import give_back
+from rig.daemon.named_files import check_named_files
 from rig.daemon.notify import Notifier
 from rig.daemon.odometry import Odometer
 from rig.daemon.search import Search
@@ -189,7 +190,10 @@ class MainLoop:
             config = load_config(self._path)
             run = run_of(config, self._path)
             same = _searched(run) == _searched(self._run)
-            return Following(config, None if same else worker_with_terrain(run, beat))
+            if same:
+                return Following(config, None)
+            check_named_files(run, self._path)
+            return Following(config, worker_with_terrain(run, beat))
         except SkyfixError as error:
             refused(self._board, str(error))
             self._notifier.ready(self._status)

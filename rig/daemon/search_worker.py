@@ -22,7 +22,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TextIO
 
-from localizer.bundle import Bundle, frame_image, load_bundle
+from localizer.bundle import Bundle, BundleError, frame_image, load_bundle
 from localizer.dem import load_dem
 from localizer.errors import SkyfixError
 from localizer.horizon.from_image import find_skyline
@@ -55,7 +55,7 @@ def main() -> None:
         dem = load_dem([Path(file) for file in first["dem"]], error_m=first["dem_error_m"])
         terrain = with_sound_kernels(lambda: prepare_terrain(dem))
     except SkyfixError as error:
-        _send(out, {"error": str(error)})
+        _send(out, {"error": f"[run] dem: {error}"})
         return
     _send(out, {"terrain": {"cells": int(terrain.height_m.size)}})
     with_sound_kernels(load_picture_kernels)
@@ -85,6 +85,12 @@ def _send(out: TextIO, message: dict[str, Any]) -> None:
 
 def _located(terrain: Terrain, request: dict[str, Any]) -> dict[str, Any]:
     bundle = load_bundle(Path(request["bundle"]))
+    if bundle.directory.is_symlink():  # what is found would be written where it leads
+        raise BundleError(f"{bundle.directory}: is a link; put the bundle itself into the spool")
+    if bundle.id != bundle.directory.name:
+        raise BundleError(
+            f"{bundle.directory}: holds the bundle {bundle.id}; its folder must have the same name"
+        )
     tracker = Tracker.model_validate(request["tracker"])
     begin = time.perf_counter()
     skylines = [find_skyline(frame_image(bundle, frame)) for frame in bundle.frames]

@@ -8,6 +8,7 @@ import numpy as np
 from rig.daemon.board import Answer, Snapshot
 from rig.measure import utc_text
 from rig.readings import Instant
+from rig.version import package_version
 
 BEGINNING = "starting", "connecting"
 """While it does this, no device has failed yet that does not work."""
@@ -19,11 +20,13 @@ def status_json(snapshot: Snapshot) -> dict[str, Any]:
     return {
         "schema": "skyfix.status/1",
         "time": utc_text(now.utc),
+        "version": package_version(),
         "started": utc_text(snapshot.started.utc),
         "activity": snapshot.activity,
         "degraded": snapshot.degraded,
         "locating": snapshot.locating,
         "waiting": snapshot.waiting,
+        "storage": snapshot.storage,
         "devices": [
             {
                 "name": device.name,
@@ -68,6 +71,8 @@ def status_text(status: dict[str, Any]) -> str:
     lines = [", ".join(doing)]
     for device in status["devices"]:
         lines.append(f"{device['name']:13} {device['state']:10} {device['detail']}".rstrip())
+    if status.get("storage"):
+        lines.append(f"spool         takes no bundle: {status['storage']}")
     last, last_fix = status["last"], status["last_fix"]
     lines.append(f"last answer   {_answer_text(last) if last else 'none since the start'}")
     if last_fix and last_fix["bundle"] != last["bundle"]:

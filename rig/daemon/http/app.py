@@ -18,6 +18,8 @@ from rig.daemon.board import Actions, Board
 from rig.daemon.config import HttpServer
 from rig.daemon.http.bundles import NOT_FOUND, BundleStore, Limit, bundle_routes
 from rig.daemon.http.guard import Guard, token_check
+from rig.daemon.http.health import add_health
+from rig.daemon.http.intake import Intake
 from rig.daemon.http.map import ReliefMap
 from rig.daemon.http.metrics import metrics_registry
 from rig.daemon.http.models import (
@@ -36,9 +38,11 @@ from rig.daemon.http.models import (
     track_point,
 )
 from rig.daemon.http.relay import Relay, Stream, TooManyStreamsError
+from rig.daemon.obstacle import reason
 from rig.daemon.progress import Loops
 from rig.daemon.published import newest
 from rig.readings import Instant
+from rig.version import package_version
 
 PAGE = Path(__file__).parent / "page"
 MOST_THREADS = 8
@@ -73,12 +77,19 @@ def make_app(
             yield
 
     app = FastAPI(
-        title="skyfix", version="1", description=DESCRIPTION, lifespan=lifespan, docs_url=None, redoc_url=None
+        title="skyfix",
+        version=package_version(),
+        description=DESCRIPTION,
+        lifespan=lifespan,
+        docs_url=None,
+        redoc_url=None,
     )
+    app.add_middleware(Intake)
     app.add_middleware(Guard, names=section.names)
     _add_state(app, section, board, token is not None)
+    add_health(app, board, loops)
     _add_events(app, relay)
-    _add_actions(app, actions, token)
+    _add_actions(app, actions, board, token)
     _add_map(app, spool, relief)
     app.include_router(bundle_routes(spool), responses=TROUBLE)
     registry = metrics_registry(board, relay)
@@ -173,24 +184,31 @@ def _add_events(app: FastAPI, relay: Relay) -> None:
         return [log_event(event) for event in relay.recent()]
 
 
-def _add_actions(app: FastAPI, actions: Actions, token: str | None) -> None:
+def _add_actions(app: FastAPI, actions: Actions, board: Board, token: str | None) -> None:
     @app.post(
         "/capture",
         tags=["actions"],
         status_code=202,
-        dependencies=[Depends(token_check(token))],
+        dependencies=[Depends(token_check(token, board.count))],
         responses={
-            401: {"model": Problem, "description": "The token is missing or wrong."},
+            401: {
+                "model": Problem,
+                "description": "The token is missing or wrong; a wrong one is answered late.",
+            },
             403: {"model": Problem, "description": "No token is configured."},
             409: {"model": Problem, "description": "A capture is going on."},
-            503: {"model": Problem, "description": "A device is missing, or the daemon ends."},
+            503: {
+                "model": Problem,
+                "description": "A device or room in the spool is missing, or the daemon ends.",
+            },
         },
     )
     def capture() -> CaptureAnswer:
         """Begin a capture. One at a time, and nothing is queued."""
         answer = actions.trigger("http")
         if answer != "started":
-            raise HTTPException(TRIGGER_STATUS[answer], TRIGGER_PROBLEM[answer])
+            why = f": {reason(board)}" if answer == "not ready" else ""
+            raise HTTPException(TRIGGER_STATUS[answer], f"{TRIGGER_PROBLEM[answer]}{why}")
         return CaptureAnswer(answer=answer)
 
 

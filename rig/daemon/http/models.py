@@ -21,6 +21,7 @@ from rig.daemon.board import (
 from rig.daemon.published import lapsed, newest
 from rig.daemon.spool_index import BundleState, Entry
 from rig.readings import Instant
+from rig.version import package_version
 
 MOST_HYPOTHESES = 50
 
@@ -79,6 +80,9 @@ class Device(_Part):
 class State(_Part):
     """Everything at this moment."""
 
+    version: str
+    """Of skyfix."""
+
     now: datetime
     started: datetime
     up_s: float
@@ -88,6 +92,8 @@ class State(_Part):
     """The bundle that is being searched for."""
     waiting: int
     """Bundles that have not been located yet."""
+    storage: str | None
+    """Why the spool takes no further bundle; null where it does."""
     degraded: bool
     """A device that should work does not."""
     devices: tuple[Device, ...]
@@ -169,7 +175,7 @@ class CaptureAnswer(_Part):
 TRIGGER_STATUS: dict[TriggerAnswer, int] = {"started": 202, "busy": 409, "not ready": 503, "stopping": 503}
 TRIGGER_PROBLEM: dict[TriggerAnswer, str] = {
     "busy": "busy: a capture is going on; ask again when it has ended",
-    "not ready": "not ready: a device that a capture needs does not work; see /status",
+    "not ready": "not ready",
     "stopping": "stopping: the daemon ends",
 }
 
@@ -219,6 +225,8 @@ def state_of(snapshot: Snapshot, valid_s: float, can_act: bool, now: Instant) ->
         return latest_answer(answer, snapshot, valid_s, now) if answer else None
 
     return State(
+        version=package_version(),
+        storage=snapshot.storage,
         now=now.utc,
         started=snapshot.started.utc,
         up_s=age_s(snapshot.started, now),
