@@ -22,6 +22,7 @@ from pydantic import (
     model_validator,
 )
 
+from rig.bus.i2c_names import checked_bus
 from rig.calibration import CALIBRATION_ORDER, AppliedCalibration, CalibrationError, read_calibration
 from rig.config_problems import joined, wrong_keys, wrong_value
 from rig.config_section import Section
@@ -36,12 +37,6 @@ MOST_SOFT_IRON = 0.5
 _log = logging.getLogger(__name__)
 
 Rows = tuple[tuple[float, float, float], ...]
-
-
-def _bus_address(text: str) -> str:
-    if not re.fullmatch(r"/dev/i2c-\d+|tcp://([^/:\s]+|\[[^]]+\]):\d+/\d+", text):
-        raise ValueError(f"{text!r} is no I2C bus; give /dev/i2c-N or tcp://HOST:PORT/BUS")
-    return text
 
 
 def _camera_source(source: object) -> object:
@@ -71,7 +66,7 @@ Triple = Annotated[tuple[Finite, Finite, Finite], Field(strict=False)]
 Row = Annotated[tuple[Finite, Finite, Finite], Field(strict=False)]
 Matrix = Annotated[tuple[Row, Row, Row], Field(strict=False), AfterValidator(_near_identity)]
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-Bus = Annotated[str, AfterValidator(_bus_address)]
+Bus = Annotated[str, BeforeValidator(checked_bus)]
 I2cAddress = Annotated[int, Field(ge=0x08, le=0x77)]
 Port = Annotated[str, Field(min_length=1)]
 Baud = Annotated[int, Field(ge=300)]
