@@ -24,6 +24,7 @@ from pydantic import (
 
 from rig.bus.i2c_names import checked_bus
 from rig.calibration import CALIBRATION_ORDER, AppliedCalibration, CalibrationError, read_calibration
+from rig.config_conflicts import conflicts
 from rig.config_problems import joined, wrong_keys, wrong_value
 from rig.config_section import Section
 from rig.daemon.config import RunSection
@@ -377,6 +378,8 @@ class RigConfig(Section):
                 "[compass] declination_deg: needed to get from magnetic to true north; give it, "
                 "or the rough [place] to compute it from"
             )
+        for conflict in conflicts(self):
+            raise ValueError(conflict)
         return self
 
 
