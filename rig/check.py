@@ -161,7 +161,8 @@ def check_camera(section: CameraSection) -> DeviceCheck:
 
 def print_table(checks: Sequence[DeviceCheck], console: Console) -> None:
     """The checks as a table, and below it a line for each problem."""
-    table = Table("device", "identity", "reading", "noise", "V", "°C", "verdict")
+    degrees = "°C" if console.encoding.lower().startswith("utf") else "deg C"
+    table = Table("device", "identity", "reading", "noise", "V", degrees, "verdict")
     for check in checks:
         table.add_row(
             check.device,

@@ -13,7 +13,10 @@ SERVO_PORT = "/dev/serial/by-id/usb-FTDI_USB__-__Serial_Converter_FT000000-if00-
 COMPASS_THAT_TALKS = (
     '[compass]\nkind = "nmea"\nport = "{port}"\ndeclination_deg = 13.0\n\n# Leave the section'
 )
-BAROMETER_THAT_TALKS = '[altimeter]\nkind = "nmea"\nport = "{port}"\nreference_pressure_hpa = 1013.25\nreference_altitude_m = 0.0\n\n[camera]'
+BAROMETER_THAT_TALKS = (
+    '[altimeter]\nkind = "nmea"\nport = "{port}"\n'
+    "reference_pressure_hpa = 1013.25\nreference_altitude_m = 0.0\n\n[camera]"
+)
 
 
 def loaded(tmp_path: Path, *changes: tuple[str, str]) -> str | None:

@@ -243,10 +243,14 @@ def test_move(run: Run, running: RunningRig, tmp_path: Path) -> None:
     status, out, _ = run("move", "--config", config, "--park", "--json")
     assert json.loads(out)["pan_deg"] == pytest.approx(0.0, abs=0.1)
     assert run("move", "--config", config, "--relax")[0] == 0
+    assert run("move", "--config", config, "40", "-10")[0] == 0
+    status, out, _ = run("move", "--config", config, "--park", "--relax", "--json")  # in this order
+    assert (status, json.loads(out)["pan_deg"]) == (0, pytest.approx(0.0, abs=0.1))
+    assert not running.rig.torque_is_on
 
 
 @pytest.mark.parametrize(
-    "arguments", [(), ("40",), ("--park", "--relax"), ("1", "2", "--park"), ("--park", "--azimuth", "3")]
+    "arguments", [(), ("40",), ("1", "2", "--park"), ("--park", "--azimuth", "3"), ("40", "--relax")]
 )
 def test_move_wants_one_goal(
     run: Run, running: RunningRig, tmp_path: Path, arguments: tuple[str, ...]
