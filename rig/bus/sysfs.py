@@ -45,22 +45,21 @@ def i2c_driver(bus: int, address: int) -> str | None:
     return _link_name(SYS / f"bus/i2c/devices/{bus}-{address:04x}/driver")
 
 
+def serial_latency_file(path: str) -> Path:
+    """Where a USB serial adapter (FTDI) is told how long to hold bytes back."""
+    return SYS / f"bus/usb-serial/devices/{Path(path).resolve().name}/latency_timer"
+
+
 def serial_latency_ms(path: str) -> int | None:
     """How long a USB serial adapter (FTDI) holds bytes back, milliseconds; None where it has no such setting."""
-    tty = Path(path).resolve().name
     for file in (
-        SYS / f"bus/usb-serial/devices/{tty}/latency_timer",
-        SYS / f"class/tty/{tty}/device/latency_timer",
+        serial_latency_file(path),
+        SYS / f"class/tty/{Path(path).resolve().name}/device/latency_timer",
     ):
         text = _text(file)
         if text is not None and text.isdigit():
             return int(text)
     return None
-
-
-def serial_driver(path: str) -> str | None:
-    """The kernel driver of a serial port."""
-    return _link_name(SYS / f"class/tty/{Path(path).resolve().name}/device/driver")
 
 
 def _entries(folder: Path) -> Iterator[Path]:

@@ -54,6 +54,18 @@ class ServoBus:
         parameters = self._exchange(servo_id, Instruction.PING, b"", 3)
         return int.from_bytes(parameters[:2], "little"), parameters[2]
 
+    def ping_all(self, wait_s: float) -> dict[int, int]:
+        """Model numbers by id of all servos that answer within ``wait_s``."""
+        self._port.discard_input()
+        self._port.write(frame(BROADCAST_ID, Instruction.PING))
+        deadline, parser = Deadline.after(wait_s), StatusParser()
+        found: dict[int, int] = {}
+        while not deadline.expired:
+            for status in parser.feed(self._port.read(deadline)):
+                if len(status.parameters) == 3:
+                    found[status.servo_id] = int.from_bytes(status.parameters[:2], "little")
+        return found
+
     def read(self, servo_id: int, address: int, length: int) -> bytes:
         """``length`` bytes of one servo's control table."""
         return self._exchange(servo_id, Instruction.READ, _u16(address) + _u16(length), length)
