@@ -95,6 +95,8 @@ def _end(status: int, program: str = "") -> NoReturn:
 
 
 def _why(error: OSError) -> str:
+    if error.errno == errno.ENOSPC:
+        return "the disk is full; make room, or write elsewhere"
     return why_not_written(error).removeprefix("cannot be written: ")
 
 
@@ -248,9 +250,7 @@ def prepare_folder(option: str, folder: Path) -> None:
     except FileExistsError:
         raise SkyfixError(f"{option}: {folder}: is a file; name a folder") from None
     except OSError as error:
-        raise SkyfixError(
-            f"{option}: {folder}: cannot be written: {error.strerror}; name another folder"
-        ) from None
+        raise SkyfixError(f"{option}: {folder}: {why_not_written(error, 'name another folder')}") from None
 
 
 def check_picture_path(option: str, path: Path) -> None:

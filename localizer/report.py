@@ -16,6 +16,7 @@ from localizer.details import CONTRADICTS, LocateDetails, LocateResult
 from localizer.errors import SkyfixError
 from localizer.fix import Fix, Position
 from localizer.geodesy import meridian_convergence_deg
+from localizer.os_errors import why_not_read
 
 CHI2_95 = 5.991
 """95 % of a normal distribution in the plane lies within this squared distance in sigmas."""
@@ -64,7 +65,7 @@ def load_truth(path: Path) -> Truth:
         truth = Truth.model_validate_json(path.read_bytes())
         crs = CRS.from_user_input(truth.crs)
     except OSError as error:
-        raise SkyfixError(f"{path}: {error.strerror}") from None
+        raise SkyfixError(f"{path}: {why_not_read(error, path)}") from None
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         field = ".".join(str(part) for part in first["loc"])

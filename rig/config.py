@@ -3,6 +3,7 @@
 ``configs/vehicle.toml`` explains each key to the engineer who installs the rig.
 """
 
+import errno
 import logging
 import os
 import re
@@ -22,6 +23,7 @@ from pydantic import (
     model_validator,
 )
 
+from localizer.os_errors import meant_instead
 from rig.bus.i2c_names import checked_bus
 from rig.calibration import CALIBRATION_ORDER, AppliedCalibration, CalibrationError, read_calibration
 from rig.config_conflicts import conflicts
@@ -405,6 +407,7 @@ def load_config(path: Path) -> RigConfig:
     except OSError as error:
         raise ConfigError(
             f"{path}: cannot be read: {error.strerror}; check --config or {ENVIRONMENT_VARIABLE}"
+            + (meant_instead(path) if error.errno == errno.ENOENT else "")
         ) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: is not valid TOML: {error}") from error

@@ -11,6 +11,7 @@ from pydantic import ValidationError
 from localizer.bundle import FILE_NAME, Camera
 from localizer.camera import azimuth_elevation_deg, camera_to_world, pixel_rays, project
 from localizer.errors import SkyfixError
+from localizer.os_errors import why_not_read
 from localizer.predict.views import View
 
 Floats = NDArray[np.float64]
@@ -52,7 +53,7 @@ def load_camera(path: Path) -> Camera:
     try:
         fields = json.loads(file.read_bytes())
     except OSError as error:
-        raise SkyfixError(f"--camera: {file}: {error.strerror}") from None
+        raise SkyfixError(f"--camera: {file}: {why_not_read(error, file)}") from None
     except (ValueError, RecursionError):  # the latter of brackets in thousands
         raise SkyfixError(f"--camera: {file}: is not JSON; name a bundle or its {FILE_NAME}") from None
     if isinstance(fields, dict) and "camera" in fields:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, TypeAdapter, ValidationError, model_validator
 
 from localizer.errors import SkyfixError
+from localizer.os_errors import why_not_read
 from localizer.track.places import Matrix
 
 Floats = NDArray[np.float64]
@@ -148,7 +149,7 @@ def load_odometry(path: Path, legs: int) -> Odometry:
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except OSError as error:
-        raise OdometryError(f"{path}: {error.strerror}") from None
+        raise OdometryError(f"{path}: {why_not_read(error, path)}") from None
     except UnicodeDecodeError:
         raise OdometryError(f"{path}: is no text; odometry is JSON Lines, one line a leg") from None
     movements = []

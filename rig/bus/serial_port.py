@@ -33,7 +33,14 @@ _REMEDIES = {
     errno.EACCES: ("may not be opened by this user", "add the user to the group of the port, often dialout"),
     errno.EBUSY: ("is in use", "end the other program that has it open"),
     errno.EAGAIN: ("is in use", "end the other program that has it open"),
+    errno.ENOTTY: ("cannot be opened: it is no serial port", "correct `port` (/dev/serial/by-id is stable)"),
+    errno.EISDIR: ("cannot be opened: it is a folder", "name the port in it, with `port`"),
+    errno.ENOTDIR: ("there is no such port", "correct `port` (/dev/serial/by-id is stable)"),
+    errno.ENXIO: ("has gone away", "plug the adapter in again"),
+    errno.ENODEV: ("has gone away", "plug the adapter in again"),
+    errno.ELOOP: ("is a link that leads to itself", "correct `port`"),
 }
+_BAUD = ("cannot be opened: it has no such baud rate", "correct `baud`, or take another adapter")
 
 
 class SerialPort:
@@ -112,6 +119,15 @@ def _errors(kind: type[DeviceError], path: str, problem: str, remedy: str) -> It
         yield
     except _FAILURES as error:
         problem, remedy = _REMEDIES.get(_errno(error), (f"{problem} ({_reason(error)})", remedy))
+        if isinstance(error, ValueError) and "aud rate" in str(error):
+            problem, remedy = _BAUD
+        elif isinstance(error, serial.SerialTimeoutException):
+            problem, remedy = (
+                "takes nothing that is sent",
+                "see that no flow control holds it; plug the adapter in again",
+            )
+        elif "multiple access" in str(error):
+            remedy = "check the cable and the adapter, and that no other program reads the port"
         raise kind(f"serial port {path}", problem, remedy) from error
 
 

@@ -23,6 +23,7 @@ _REFUSALS: dict[int, str] = {
     StatusError.DATA_LIMIT: "says that the value is beyond its limit registers",
     StatusError.ACCESS: "does not allow that register to be accessed now",
 }
+_LATE = "shorten the adapter's latency (rig check says how), or take a faster computer"
 _OF_VALUES = (StatusError.DATA_RANGE, StatusError.DATA_LIMIT)
 """Refusals of a value, which an instruction that brings none cannot earn."""
 
@@ -106,7 +107,7 @@ class ServoBus:
         if status.error_number == StatusError.CRC:
             raise TransientError(device, _REFUSALS[StatusError.CRC], "check the cable")
         if status.error_number in _OF_VALUES and instruction in (Instruction.READ, Instruction.PING):
-            raise TransientError(device, "answered an earlier instruction, late", "check the cable")
+            raise TransientError(device, "answered an earlier instruction, late", _LATE)
         if status.error_number:
             number = status.error_number
             why = _REFUSALS.get(number, f"refuses with the unknown error {number}")

@@ -12,6 +12,7 @@ from mcap.records import Channel, Footer, Message, Schema
 from mcap.stream_reader import CRCValidationError, StreamReader
 from mcap.writer import Writer
 
+from localizer.os_errors import why_not_read, why_not_written
 from rig.errors import RigError
 
 
@@ -53,7 +54,7 @@ class TelemetryFile:
             with self.path.open("rb") as file:
                 yield from self._messages(file)
         except OSError as error:
-            raise TelemetryReadError(f"{self.path}: cannot be read: {error.strerror}") from error
+            raise TelemetryReadError(f"{self.path}: {why_not_read(error, self.path)}") from error
 
     def _messages(self, file: IO[bytes]) -> Iterator[Logged]:
         channels: dict[int, Channel] = {}
@@ -109,9 +110,7 @@ def mend(source: Path, target: Path) -> int:
                 count += 1
             writer.finish()
     except OSError as error:
-        raise TelemetryReadError(
-            f"{target}: cannot be written: {error.strerror}; choose another name"
-        ) from error
+        raise TelemetryReadError(f"{target}: {why_not_written(error, 'choose another name')}") from error
     except TelemetryReadError:
         target.unlink()
         raise
