@@ -19,7 +19,7 @@ _READING = {
     errno.ENXIO: "name a file: it is a socket or a device",
 }
 _WRITING = {
-    errno.ENOSPC: "{elsewhere}, or make room: the disk is full",
+    errno.ENOSPC: "{elsewhere}, or make room: the disk is full, or out of inodes (df -i)",
     errno.EDQUOT: "{elsewhere}, or make room: the user's disk quota is used up",
     errno.EFBIG: "{elsewhere}: the file system, or a limit (ulimit -f), takes no file so large",
     errno.EROFS: "{elsewhere}, or mount the file system writable",

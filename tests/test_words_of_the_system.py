@@ -30,7 +30,10 @@ def os_error(number: int) -> OSError:
 @pytest.mark.parametrize(
     ("number", "words"),
     [
-        (errno.ENOSPC, "No space left on device; name another, or make room: the disk is full"),
+        (
+            errno.ENOSPC,
+            "No space left on device; name another, or make room: the disk is full, or out of inodes",
+        ),
         (errno.EDQUOT, "name another, or make room: the user's disk quota is used up"),
         (errno.EROFS, "Read-only file system; name another, or mount the file system writable"),
         (errno.EACCES, "Permission denied; name another, or change who may write there"),

@@ -19,7 +19,8 @@ def checked_bus(bus: object) -> object:
     """What a configuration says, as ``open_i2c`` takes it; ``ValueError``, one sentence, for what cannot be a bus.
 
     ``1``, ``"1"`` and ``"i2c-1"`` are /dev/i2c-1. A device file may have any name (udev gives others), and an adapter may be
-    named as ``i2cdetect -l`` does: numbers change with the order in which adapters are found.
+    named as ``i2cdetect -l`` does, or by its device ("i2c_designware.0"): numbers change with the order in which adapters
+    are found.
     """
     if isinstance(bus, int) and not isinstance(bus, bool):
         bus = str(bus)
@@ -38,7 +39,7 @@ def checked_bus(bus: object) -> object:
 def adapter_path(name: str) -> str:
     """The device file of the adapter whose name is, or contains, ``name``. ``ConfigError`` where none or several do."""
     adapters = sysfs.i2c_adapters()
-    exact = [number for number, known in adapters.items() if known == name]
+    exact = [number for number, known in adapters.items() if name in (known, sysfs.i2c_parent(number))]
     partly = [number for number, known in adapters.items() if name and name.lower() in known.lower()]
     found = exact or partly
     if len(found) == 1:
@@ -46,7 +47,7 @@ def adapter_path(name: str) -> str:
     if found:
         raise ConfigError(
             f"`bus` = {name!r}: {len(found)} I2C adapters are called so: {_listed(found, adapters)}; give more of the name, "
-            "or the device file"
+            "the name of its device (/sys/bus/i2c/devices/i2c-N leads to it), or the device file"
         )
     alike = difflib.get_close_matches(name, adapters.values(), n=1, cutoff=0.5)
     meant = f"did you mean {alike[0]!r}? " if alike else ""

@@ -25,6 +25,15 @@ def i2c_adapters() -> dict[int, str]:
     return dict(sorted(found.items()))
 
 
+def i2c_parent(number: int) -> str | None:
+    """The device that an adapter belongs to ("i2c_designware.0", "fe804000.i2c"): it tells adapters of one name apart."""
+    for folder in (SYS / "bus/i2c/devices", SYS / "class/i2c-dev"):
+        entry = folder / f"i2c-{number}"
+        if entry.exists():
+            return entry.resolve().parent.name
+    return None
+
+
 def i2c_number(path: str) -> int | None:
     """N of the bus that a device file is: by its device number, else by its name or that of what it links to."""
     try:

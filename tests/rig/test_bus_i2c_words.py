@@ -207,6 +207,11 @@ def test_an_adapter_is_found_by_its_name_or_a_part_of_it(sys_folder: Path) -> No
     assert adapter_path("bcm2835 (i2c@7e804000)") == "/dev/i2c-1"
     assert adapter_path("i801") == "/dev/i2c-0"
     assert same_bus("i801") == same_bus("/dev/i2c-0") == "/dev/i2c-0"
+    two = sys_folder / "devices/pci0000:00/i2c_designware.1/i2c-5"
+    two.mkdir(parents=True)
+    (two / "name").write_text("Synopsys DesignWare I2C adapter\n")
+    (sys_folder / "bus/i2c/devices/i2c-5").symlink_to(two)
+    assert adapter_path("i2c_designware.1") == "/dev/i2c-5"
     with pytest.raises(
         ConfigError, match=r"did you mean 'bcm2835 .i2c@7e804000.'. there is i2c-0 .SMBus I801"
     ):
