@@ -217,7 +217,7 @@ def test_an_adapter_is_found_by_its_name_or_a_part_of_it(sys_folder: Path) -> No
     ):
         adapter_path("bcm2836 i2c@7e804000")
     with pytest.raises(
-        ConfigError, match=r"2 I2C adapters are called so: i2c-0 .* i2c-1 .*; give more of the name"
+        ConfigError, match=r"3 I2C adapters are called so: i2c-0 .* i2c-1 .*; give more of the name"
     ):
         adapter_path("e")
     with pytest.raises(DeviceError, match="I2C bus /dev/i2c-0: "):
