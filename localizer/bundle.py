@@ -201,6 +201,10 @@ def load_bundle(path: Path) -> Bundle:
     if not path.is_dir():
         what = "is not a directory" if path.exists() else "does not exist"
         meant = "" if path.exists() else meant_instead(path)
+        if path.name == FILE_NAME and path.exists():
+            meant = f"; name {path.parent}"
+        elif path.name.endswith((".tar", ".tar.gz", ".tgz", ".zip")) and path.exists():
+            meant = "; take it out of the archive first: rig bundle import"
         raise BundleError(f"{path}: {what}; a bundle is a directory with a {FILE_NAME}{meant}")
     file = path / FILE_NAME
     if file.exists() and not file.is_file():  # a pipe would be waited for

@@ -125,11 +125,32 @@ def write_whatever_comes() -> None:
     That is so with PYTHONIOENCODING=ascii, with LANG=C on some systems, and for file names that are no text.
     """
     codecs.register_error("skyfix-plain", _plain)
+    codecs.register(_ascii)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="skyfix-plain")
+            is_ascii = codecs.lookup(stream.encoding).name == "ascii"
+            stream.reconfigure(encoding=ASCII if is_ascii else None, errors="skyfix-plain")
     if isinstance(sys.stdin, io.TextIOWrapper):
         sys.stdin.reconfigure(errors="replace")
+
+
+ASCII = "skyfix-ascii"
+"""ASCII under another name: click writes UTF-8 to a stream that says it is ASCII."""
+
+
+def _ascii(name: str) -> codecs.CodecInfo | None:
+    if name.replace("_", "-") != ASCII:
+        return None
+    same = codecs.lookup("ascii")
+    return codecs.CodecInfo(
+        same.encode,
+        same.decode,
+        same.streamreader,
+        same.streamwriter,
+        same.incrementalencoder,
+        same.incrementaldecoder,
+        name=ASCII,
+    )
 
 
 _PLAIN = str.maketrans(

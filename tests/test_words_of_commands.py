@@ -75,6 +75,7 @@ def test_no_traceback_with_an_ascii_terminal(words: tuple[str, ...]) -> None:
     assert "Traceback" not in done.stderr
     assert done.returncode == (0 if "info" in words else 2)
     assert len(done.stderr.splitlines()) == (0 if "info" in words else 1)
+    assert (done.stdout + done.stderr).isascii()
 
 
 def test_a_reader_that_has_enough_is_no_error() -> None:

@@ -18,6 +18,7 @@ from rig.bus.serial_port import SerialPort
 from rig.config import load_config
 from rig.daemon.control import ask
 from rig.daemon.listening import bound_udp, why_not_listening
+from rig.daemon.mavlink_link import why_no_link
 from rig.daemon.spool import _remedy
 from rig.daemon.tcp_broadcast import TcpBroadcast
 from rig.errors import ConfigError, DeviceError, RigError
@@ -78,6 +79,12 @@ def test_a_name_with_a_slip_is_told_with_the_one_that_is_there(tmp_path: Path) -
         load_dem([tmp_path / "terain.tif"])
     with pytest.raises(BundleError, match=r"does not exist; .*; did you mean .*3f9a\?"):
         load_bundle(tmp_path / "bundles" / "20261123T043151Z-3f9b")
+    (tmp_path / "bundles" / "20261123T043151Z-3f9a" / "bundle.json").touch()
+    (tmp_path / "bundles.zip").touch()
+    with pytest.raises(BundleError, match=r"is not a directory; .*; name .*3f9a$"):
+        load_bundle(tmp_path / "bundles" / "20261123T043151Z-3f9a" / "bundle.json")
+    with pytest.raises(BundleError, match=r"is not a directory; .* rig bundle import"):
+        load_bundle(tmp_path / "bundles.zip")
     with pytest.raises(BundleError, match=r"is no folder, and no file either; .*; did you mean .*bundles\?"):
         list(loaded((tmp_path / "bundels",)))
     (tmp_path / "vehicle.toml").touch()
@@ -98,6 +105,22 @@ def test_a_name_with_a_slip_is_told_with_the_one_that_is_there(tmp_path: Path) -
 )
 def test_an_address_that_cannot_be_listened_on(error: OSError, words: str) -> None:
     assert words in why_not_listening(error)
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (os_error(errno.ECONNREFUSED), "nothing listens there: start the autopilot's end"),
+        (TimeoutError("timed out"), "see that the autopilot is on"),
+        (socket.gaierror(-2, "Name or service not known"), "the name is not known"),
+        (
+            DeviceError("serial port /dev/ttyACM0", "is in use", "end the other program"),
+            "is in use; end the other",
+        ),
+    ],
+)
+def test_an_autopilot_that_is_not_reached(error: OSError | DeviceError, words: str) -> None:
+    assert words in why_no_link(error)
 
 
 def test_addresses_that_are_taken_or_elsewhere() -> None:
