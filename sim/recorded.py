@@ -41,8 +41,16 @@ class Recorded(Generic[Answer]):
     the head, and of these the next in the log, which begins anew where it ends.
     """
 
-    def __init__(self, exchanges: Sequence[Asked[Answer]], epoch: Callable[[], int] = lambda: 0) -> None:
+    def __init__(
+        self,
+        exchanges: Sequence[Asked[Answer]],
+        epoch: Callable[[], int] = lambda: 0,
+        *,
+        cut_polls_go_on: bool = False,
+    ) -> None:
+        """``cut_polls_go_on``: a poll that the end of the log cuts off is answered from another place, where it ends."""
         self._exchanges = exchanges
+        self._cut_polls_go_on = cut_polls_go_on
         self._epoch = epoch
         self._at: int | None = None
         self._before: deque[Hashable] = deque(maxlen=CONTEXT)
@@ -77,10 +85,13 @@ class Recorded(Generic[Answer]):
         """What was answered to ``request``; None where it was never made."""
         if self._at is not None and self._exchanges[self._at].request == request:
             after = self._at + 1
-            if after == len(self._exchanges):
-                self._ran_out = True
-            elif self._exchanges[after].request == request:
+            if after < len(self._exchanges) and self._exchanges[after].request == request:
                 self._at = after
+            self._ran_out |= after == len(self._exchanges)
+            others = self._starts[request][:-1]
+            if after < len(self._exchanges) or not self._cut_polls_go_on or not others:
+                return self._exchanges[self._at].answer
+            self._at = self._best(others)
             return self._exchanges[self._at].answer
         starts = self._starts.get(request)
         if not starts:

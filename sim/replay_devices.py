@@ -60,6 +60,7 @@ class ReplayedChip:
         self._recorded: Recorded[Exchange] = Recorded(
             [Asked((bytes.fromhex(e["write"]), e["length"]), e, not e["length"], at) for e, at in exchanges],
             epoch,
+            cut_polls_go_on=True,
         )
 
     def transfer(self, write: bytes, read_length: int) -> bytes:

@@ -98,6 +98,21 @@ def test_fewer_and_more_polls_change_no_reading() -> None:
         assert last == (0 if polls == 1 else 1)
 
 
+def test_a_poll_that_the_end_of_the_log_cuts_off_is_answered_from_before() -> None:
+    log = [("poll", 0), ("poll", 1), ("read", "a"), ("poll", 0), ("poll", 1), ("read", "b"), ("poll", 0)]
+    exchanges = [Asked(request, answer, False) for request, answer in log]
+    recorded = Recorded(exchanges, cut_polls_go_on=True)
+    found = []
+    for _ in range(5):
+        while recorded.answer("poll") == 0:
+            pass
+        found.append(recorded.answer("read"))
+    assert found == ["a", "b", "a", "b", "a"]
+    assert recorded.ran_out
+    still = Recorded(exchanges)
+    assert [still.answer("poll") for _ in range(3)] == [0, 1, 1]
+
+
 def test_what_is_asked_at_a_stop_is_answered_from_that_stop() -> None:
     now = 0
     exchanges = [Asked("level", (stop, number), False, stop) for stop in (2, 4) for number in range(3)]
