@@ -55,7 +55,7 @@ def opened(connection: str, baud: int) -> Iterator[Link]:
 def why_no_link(error: OSError | DeviceError) -> str:
     """Why there is no link, and what to do."""
     if isinstance(error, DeviceError):
-        return f"{error.problem}; {error.remedy}"
+        return str(error)
     remedy = {
         errno.ECONNREFUSED: "nothing listens there: start the autopilot's end, or correct [run.mavlink] connection",
         errno.EADDRINUSE: "end what listens there, or give another port in [run.mavlink] connection",
