@@ -49,7 +49,13 @@ def run(command: click.Command, program: str) -> NoReturn:
         _fail(program, error.format_message(), 2)
     except SkyfixError as error:
         _fail(program, str(error), error.exit_status)
-    except (click.Abort, KeyboardInterrupt):
+    except (click.Abort, KeyboardInterrupt) as error:
+        if isinstance(error.__context__, EOFError) or isinstance(error.__cause__, EOFError):
+            _fail(
+                program,
+                "a question was not answered: standard input has ended; answer it, or see --help for options",
+                2,
+            )
         _fail(program, "interrupted", INTERRUPTED)
     except SystemError as error:
         if not isinstance(

@@ -53,7 +53,7 @@ def recording(path: Path, config: RigConfig) -> Iterator[None]:
             "x", encoding="ascii", buffering=1
         )  # a line at a time: a crash shall not take the end with it
     except OSError as error:
-        raise RecordError(f"{path}: {why_not_written(error)}") from error
+        raise RecordError(f"{path}: {why_not_written(error, 'choose another name')}") from error
     begun_s, lock = time.monotonic(), threading.Lock()
     ended = False
 
@@ -72,7 +72,7 @@ def recording(path: Path, config: RigConfig) -> Iterator[None]:
     try:
         file.write(json.dumps({"skyfix_log": LOG_VERSION, "utc": utc, "config": settings}) + "\n")
     except OSError as error:
-        raise RecordError(f"{path}: {why_not_written(error)}") from error
+        raise RecordError(f"{path}: {why_not_written(error, 'choose another name')}") from error
     tap.listen(write)
     try:
         yield

@@ -89,6 +89,18 @@ def test_a_reader_that_has_enough_is_no_error() -> None:
     assert few.stderr == ""
 
 
+def test_a_question_that_nobody_answers_is_no_interruption() -> None:
+    ask = "import click\nfrom localizer.command_line import run\n"
+    ask += "run(click.Command('ask', callback=lambda: click.confirm('Sure?')), 'ask')"
+    done = subprocess.run(
+        [sys.executable, "-c", ask], stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2
+    assert done.stderr.splitlines()[-1].startswith(
+        "ask: a question was not answered: standard input has ended"
+    )
+
+
 def test_a_full_disk_under_standard_output_is_said() -> None:
     done = ran("localizer", "dem", "info", str(TERRAIN), shell="> /dev/full")
     assert done.returncode == 2

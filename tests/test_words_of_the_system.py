@@ -188,3 +188,10 @@ def test_a_serial_port_that_cannot_be_opened_blames_what_it_is(
         SerialPort("/dev/ttyUSB0", 4800)
     assert words in str(caught.value)
     assert not_blamed not in str(caught.value).replace("plug the adapter in", "")
+
+
+def test_a_serial_port_without_its_folder_is_told_with_it() -> None:
+    with pytest.raises(
+        DeviceError, match=r"there is no such port; plug the adapter in, .*; did you mean /dev/null\?"
+    ):
+        SerialPort("null", 4800)

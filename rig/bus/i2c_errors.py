@@ -9,6 +9,7 @@ from pathlib import Path
 from smbus2.smbus2 import I2cFunc
 
 from rig.bus import sysfs
+from rig.bus.i2c_names import same_bus
 from rig.errors import DeviceError, TransientError
 
 _LASTING = (
@@ -109,7 +110,7 @@ def _busy(bus: str, address: int) -> tuple[str, str]:
 
 def held_by_driver(bus: str, address: int) -> tuple[str, str] | None:
     """Problem and remedy where a driver of this computer's kernel is bound to the chip; None where there is none."""
-    number = sysfs.i2c_number(bus) if bus.startswith("/") else None
+    number = _bus_number(bus)
     driver = None if number is None else sysfs.i2c_driver(number, address)
     if driver is None:
         return None
@@ -133,8 +134,14 @@ def _unsupported(bus: str, write_length: int, read_length: int) -> tuple[str, st
     )
 
 
+def _bus_number(bus: str) -> int | None:
+    """N of a bus of this computer; None of one behind a bridge."""
+    path = same_bus(bus)
+    return sysfs.i2c_number(path) if path.startswith("/") else None
+
+
 def _bus_number_or_n(bus: str) -> str:
-    number = sysfs.i2c_number(bus) if bus.startswith("/") else None
+    number = _bus_number(bus)
     return "N" if number is None else str(number)
 
 

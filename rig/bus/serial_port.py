@@ -12,6 +12,7 @@ import logging
 import select
 import termios
 from collections.abc import Iterator
+from pathlib import Path
 
 import serial
 
@@ -40,6 +41,8 @@ _REMEDIES = {
     errno.ENODEV: ("has gone away", "plug the adapter in again"),
     errno.ELOOP: ("is a link that leads to itself", "correct `port`"),
 }
+_PORTS = ("serial/by-id/*", "ttyUSB*", "ttyACM*")
+_PORTS_SHOWN = 4
 _BAUD = ("cannot be opened: it has no such baud rate", "correct `baud`, or take another adapter")
 
 
@@ -119,6 +122,8 @@ def _errors(kind: type[DeviceError], path: str, problem: str, remedy: str) -> It
         yield
     except _FAILURES as error:
         problem, remedy = _REMEDIES.get(_errno(error), (f"{problem} ({_reason(error)})", remedy))
+        if _errno(error) == errno.ENOENT:
+            remedy += _ports_there(path)
         if isinstance(error, ValueError) and "aud rate" in str(error):
             problem, remedy = _BAUD
         elif isinstance(error, serial.SerialTimeoutException):
@@ -129,6 +134,17 @@ def _errors(kind: type[DeviceError], path: str, problem: str, remedy: str) -> It
         elif "multiple access" in str(error):
             remedy = "check the cable and the adapter, and that no other program reads the port"
         raise kind(f"serial port {path}", problem, remedy) from error
+
+
+def _ports_there(path: str) -> str:
+    """The ports of this computer, to follow a remedy; the one that was meant where only /dev is missing."""
+    if not path.startswith("/") and Path("/dev", path).exists():
+        return f"; did you mean /dev/{path}?"
+    there = [str(each) for pattern in _PORTS for each in sorted(Path("/dev").glob(pattern))]
+    shown = ", ".join(there[:_PORTS_SHOWN]) + (
+        f" and {len(there) - _PORTS_SHOWN} more" if len(there) > _PORTS_SHOWN else ""
+    )
+    return f"; there is {shown}" if there else ""
 
 
 def _errno(error: Exception) -> int:

@@ -13,6 +13,7 @@ from fakes.chips import FakeI2cBus, RegisterChip
 from rig.bus import sysfs
 from rig.bus.i2c import SmbusI2c, open_i2c
 from rig.bus.i2c_chip import I2cChip, open_chip
+from rig.bus.i2c_errors import held_by_driver
 from rig.bus.i2c_names import adapter_path, checked_bus, same_bus
 from rig.errors import ConfigError, DeviceError, TransientError
 from sim.devices.i2c_bridge import I2cBridge
@@ -95,6 +96,17 @@ def test_a_busy_chip_names_the_kernel_driver_and_how_to_unbind_it(sys_folder: Pa
         r"\(echo 1-0076 \| sudo tee /sys/bus/i2c/drivers/bmp280/unbind\)",
     ):
         I2cChip(bus, 0x76, "BMP390").read_register(0)
+
+
+def test_a_driver_is_found_whatever_the_bus_is_called(sys_folder: Path, tmp_path: Path) -> None:
+    link = tmp_path / "i2c-head"
+    link.symlink_to("/dev/i2c-1")
+    for bus in ("/dev/i2c-1", "bcm2835 (i2c@7e804000)", "bcm2835", str(link)):
+        held = held_by_driver(bus, 0x76)
+        assert held
+        assert held[0] == "is in use by the kernel driver bmp280"
+        assert held_by_driver(bus, 0x77) is None
+    assert held_by_driver("tcp://127.0.0.1:4711/1", 0x76) is None
 
 
 def test_a_chip_that_a_kernel_driver_holds_is_not_touched(
