@@ -1,12 +1,9 @@
 """What commands share: how they end (one clear line for an expected failure, the contract's exit status), common options."""
 
-import codecs
 import errno
-import io
 import math
 import os
 import re
-import select
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
@@ -18,6 +15,7 @@ import click
 
 from localizer.errors import SkyfixError
 from localizer.os_errors import why_not_written
+from localizer.streams import nobody_reads, write_no_more, write_whatever_comes
 
 F = TypeVar("F", bound=Callable[..., object])
 
@@ -76,7 +74,7 @@ def run(command: click.Command, program: str) -> NoReturn:
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         if error.errno in _OF_THE_DISK:
-            _write_no_more()
+            write_no_more()
             _fail(program, f"{where}{_why(error)}", 2)
         if isinstance(error, PermissionError) and where:  # even to ask whether a path exists may be forbidden
             _fail(program, f"{where}permission denied; check who may read and write there", 2)
@@ -93,9 +91,9 @@ def _end(status: int, program: str = "") -> NoReturn:
         if sys.stdout is not None:
             sys.stdout.flush()
     except BrokenPipeError:
-        _write_no_more()
+        write_no_more()
     except OSError as error:
-        _write_no_more()
+        write_no_more()
         _fail(program, _why(error), 2)
     sys.exit(status)
 
@@ -104,85 +102,6 @@ def _why(error: OSError) -> str:
     if error.errno == errno.ENOSPC:
         return "the disk is full; make room, or write elsewhere"
     return why_not_written(error).removeprefix("cannot be written: ")
-
-
-def nobody_reads(stream: Any) -> bool:
-    """Whether a stream is a pipe whose reader has closed it."""
-    try:
-        poll = select.poll()
-        poll.register(stream.fileno(), 0)
-        return any(event & select.POLLERR for _, event in poll.poll(0))
-    except (AttributeError, OSError, ValueError):
-        return False
-
-
-def _write_no_more() -> None:
-    """What is still to be written to standard output goes nowhere, where it cannot be written."""
-    with suppress(OSError, ValueError, AttributeError):
-        with suppress(OSError):
-            sys.stdout.flush()
-            return
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-def write_whatever_comes() -> None:
-    """Have characters that standard output, or standard error, cannot encode written in another way, rather than fail.
-
-    That is so with PYTHONIOENCODING=ascii, with LANG=C on some systems, and for file names that are no text.
-    """
-    codecs.register_error("skyfix-plain", _plain)
-    codecs.register(_ascii)
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            is_ascii = codecs.lookup(stream.encoding).name == "ascii"
-            stream.reconfigure(encoding=ASCII if is_ascii else None, errors="skyfix-plain")
-    if isinstance(sys.stdin, io.TextIOWrapper):
-        sys.stdin.reconfigure(errors="replace")
-
-
-ASCII = "skyfix-ascii"
-"""ASCII under another name: click writes UTF-8 to a stream that says it is ASCII."""
-
-
-def _ascii(name: str) -> codecs.CodecInfo | None:
-    if name.replace("_", "-") != ASCII:
-        return None
-    same = codecs.lookup("ascii")
-    return codecs.CodecInfo(
-        same.encode,
-        same.decode,
-        same.streamreader,
-        same.streamwriter,
-        same.incrementalencoder,
-        same.incrementaldecoder,
-        name=ASCII,
-    )
-
-
-_PLAIN = str.maketrans(
-    {
-        "°": "deg ",
-        "µ": "u",
-        "μ": "u",
-        "±": "+-",
-        "²": "^2",
-        "\N{EN DASH}": "-",
-        "\N{EM DASH}": "-",
-        "\N{MINUS SIGN}": "-",
-        "…": "...",
-        "→": "->",
-        "\N{MULTIPLICATION SIGN}": "x",
-        "•": "*",
-    }
-)
-
-
-def _plain(error: UnicodeError) -> tuple[str, int]:
-    """An error handler of ``codecs``: what is meant, in ASCII."""
-    if not isinstance(error, UnicodeEncodeError):
-        raise error
-    text = error.object[error.start : error.end].translate(_PLAIN)
-    return text.encode("ascii", "backslashreplace").decode("ascii"), error.end
 
 
 class NumbersCommand(click.Command):

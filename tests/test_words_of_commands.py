@@ -12,7 +12,8 @@ import pytest
 from click.testing import CliRunner
 
 from localizer.cli import localizer
-from localizer.command_line import NumbersCommand, run, take_negative_numbers, write_whatever_comes
+from localizer.command_line import NumbersCommand, run, take_negative_numbers
+from localizer.streams import write_whatever_comes
 from rig.cli import rig
 from sim.cli import sim
 

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from rig.bus import sysfs
-from rig.check import check_altimeter, check_pan_tilt, field_check, heading_check
+from rig.check import check_altimeter, check_pan_tilt
+from rig.check_compass import field_check, heading_check
 from rig.check_report import as_json
 from rig.config import Mmc5983maSection, NmeaCompassSection, PanTiltSection, Place, SerialAltimeterSection
 from rig.dynamixel.scan import scan_hint, servos_at
