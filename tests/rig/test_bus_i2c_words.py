@@ -208,7 +208,7 @@ def test_a_bus_may_be_named_in_several_ways(given: object, bus: str) -> None:
 
 @pytest.mark.parametrize(
     "given",
-    ["", "COM3", "ttyUSB0", "/dev", "/i2c-1", "udp://h:1/1", "tcp://host/1", 1.5, True, -1, None, "/tmp/x y"],
+    ["", "COM3", "ttyUSB0", "/dev", "/i2c-1", "udp://h:1/1", "tcp://host/1", 1.5, True, -1, None, "/srv/x y"],
 )
 def test_what_can_be_no_bus_is_refused(given: object) -> None:
     with pytest.raises(ValueError, match="is no I2C bus; give /dev/i2c-N or tcp://HOST:PORT/BUS"):
