@@ -26,6 +26,7 @@ from pydantic import (
 from localizer.camera import invertible_share
 from localizer.documents import DocumentError, json_text, read_file
 from localizer.errors import SkyfixError
+from localizer.os_errors import meant_instead, why_not_read
 from localizer.picture import MOST_PIXELS, PictureError, decode_picture
 
 FILE_NAME = "bundle.json"
@@ -219,7 +220,12 @@ def load_bundle(path: Path) -> Bundle:
     path = Path(path)
     if not path.is_dir():
         what = "is not a directory" if path.exists() else "does not exist"
-        raise BundleError(f"{path}: {what}; a bundle is a directory with a {FILE_NAME}")
+        meant = "" if path.exists() else meant_instead(path)
+        if path.name == FILE_NAME and path.exists():
+            meant = f"; name {path.parent}"
+        elif path.name.endswith((".tar", ".tar.gz", ".tgz", ".zip")) and path.exists():
+            meant = "; take it out of the archive first: rig bundle import"
+        raise BundleError(f"{path}: {what}; a bundle is a directory with a {FILE_NAME}{meant}")
     file = path / FILE_NAME
     if file.exists() and not file.is_file():  # a pipe would be waited for
         raise BundleError(f"{file}: is not a file but a directory or a pipe, so {path} is not a bundle")
@@ -230,7 +236,7 @@ def load_bundle(path: Path) -> Bundle:
     except FileNotFoundError:
         raise BundleError(f"{path}: holds no {FILE_NAME}, so it is not a bundle") from None
     except OSError as error:
-        raise BundleError(f"{file}: {error.strerror}") from None
+        raise BundleError(f"{file}: {why_not_read(error)}") from None
     bundle = parse_bundle(text, str(file))
     bundle._directory = path
     for frame in bundle.frames:
@@ -269,7 +275,7 @@ def _content(directory: Path, name: str, place: str) -> bytes:
     except FileNotFoundError:
         raise BundleError(f"{place}: {name} is missing; the bundle is incomplete") from None
     except OSError as error:
-        raise BundleError(f"{place}: {name}: {error.strerror}") from None
+        raise BundleError(f"{place}: {name}: {why_not_read(error)}") from None
     except RuntimeError:  # of a link that leads to itself
         raise BundleError(f"{place}: {name} is a link that leads nowhere") from None
 

@@ -15,6 +15,7 @@ from pyproj.exceptions import CRSError
 from localizer.crs import WGS84, transform_xy
 from localizer.elevation_units import VERTICAL_UNITS
 from localizer.errors import SkyfixError
+from localizer.os_errors import meant_instead
 
 if TYPE_CHECKING:
     from rasterio import DatasetReader
@@ -73,7 +74,7 @@ def read_tile(path: Path, vertical_unit: str | None, crs: str | None, nodata: fl
 
     path = Path(path)
     if not path.exists():
-        raise DemError(f"{path}: no such file")
+        raise DemError(f"{path}: no such file{meant_instead(path)}")
     if path.is_dir():
         raise DemError(f"{path}: is a directory, not an elevation file")
     if not path.is_file():  # it would be waited for

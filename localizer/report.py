@@ -17,6 +17,7 @@ from localizer.documents import MOST_JSON_BYTES, DocumentError, json_text, read_
 from localizer.errors import SkyfixError
 from localizer.fix import Fix, Position
 from localizer.geodesy import meridian_convergence_deg
+from localizer.os_errors import why_not_read
 
 CHI2_95 = 5.991
 """95 % of a normal distribution in the plane lies within this squared distance in sigmas."""
@@ -65,7 +66,7 @@ def load_truth(path: Path) -> Truth:
         truth = Truth.model_validate_json(json_text(read_file(path, MOST_JSON_BYTES)))
         crs = CRS.from_user_input(truth.crs)
     except OSError as error:
-        raise SkyfixError(f"{path}: {error.strerror}") from None
+        raise SkyfixError(f"{path}: {why_not_read(error, path)}") from None
     except DocumentError as error:
         raise SkyfixError(f"{path}: {error}") from None
     except ValidationError as error:

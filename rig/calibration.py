@@ -15,6 +15,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from localizer.documents import MOST_JSON_BYTES, DocumentError, json_text, read_file
+from localizer.os_errors import why_not_read, why_not_written
 from rig.atomic import write_atomically
 from rig.errors import RigError
 
@@ -220,9 +221,7 @@ def write_calibration(document: Calibration, folder: Path) -> Path:
     try:
         write_atomically(path, content.encode())
     except OSError as error:
-        raise CalibrationError(
-            f"{path}: cannot be written: {error.strerror}; choose another with --out"
-        ) from error
+        raise CalibrationError(f"{path}: {why_not_written(error, 'choose another with --out')}") from error
     return path
 
 
@@ -234,7 +233,7 @@ def read_calibration(path: Path, kind: str | None = None) -> AppliedCalibration:
         raise CalibrationError(f"{path}: {error}; calibrate anew") from error
     except OSError as error:
         raise CalibrationError(
-            f"{path}: cannot be read: {error.strerror}; check [calibration], or calibrate anew with rig calibrate"
+            f"{path}: {why_not_read(error, path)}; check [calibration], or calibrate anew with rig calibrate"
         ) from error
     applied = AppliedCalibration(
         parse_calibration(content, str(path)), str(path), hashlib.sha256(content).hexdigest()

@@ -9,10 +9,8 @@ import atexit
 import http.client
 import math
 import os
-import re
 import threading
 import time
-import urllib.request
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -27,6 +25,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.camera_source import Snapshots, gives_snapshots, is_http, why_not_opened
+from rig.camera_url import UnusableUrlError, get, shown, without_secrets
 from rig.config import CameraSection
 from rig.errors import DeviceError, TransientError
 from rig.fault_notes import note_fault
@@ -71,7 +71,7 @@ class Camera:
 
     def __init__(self, section: CameraSection) -> None:
         self._section = section
-        self._source = re.sub("//[^/@]*@", "//", str(section.source))  # without a password
+        self._source = shown(section.source)  # without a password
         self.name = f"camera {self._source}"
         self._changed = threading.Condition()
         self._stop = threading.Event()
@@ -81,6 +81,7 @@ class Camera:
         self._first_at_s = math.nan
         self._wanted_ev = 0.0
         self._is_local = isinstance(section.source, int) or section.source.startswith("/dev/")
+        self._gives_snapshots = False
         self._thread = threading.Thread(target=self._read, name=self.name, daemon=True)
         self._thread.start()
 
@@ -125,13 +126,16 @@ class Camera:
         if url is None or self._is_local:
             return
         try:
-            with urllib.request.urlopen(
-                url.replace("{ev}", f"{ev:g}"), timeout=self._section.read_timeout_s
+            with get(
+                url.replace("{ev}", f"{ev:g}"), self._section.read_timeout_s, "[camera] exposure_url"
             ) as reply:
                 reply.read1(4096)  # how much more it says, and how slowly, is its own affair
+        except UnusableUrlError as error:
+            raise self._error(f"takes no exposure: {error.problem}", error.remedy) from None
         except (OSError, http.client.HTTPException) as error:
             raise self._error(
-                f"takes no exposure ({error})", "check its network and [camera] exposure_url"
+                f"takes no exposure ({without_secrets(str(error), url)})",
+                "check its network and [camera] exposure_url",
             ) from error
 
     def settled_s(self) -> float:
@@ -192,8 +196,14 @@ class Camera:
                 self._stream()
             except (DeviceError, cv2.error) as error:
                 failure = (
-                    error if isinstance(error, DeviceError) else self._error(f"failed: {error}", "restart it")
+                    error
+                    if isinstance(error, DeviceError)
+                    else self._error(
+                        f"failed: {without_secrets(str(error), self._section.source)}", "restart it"
+                    )
                 )
+                if self._ended_as_a_snapshot_does():
+                    continue
                 with self._changed:
                     if self._failure is None or not isinstance(failure, TransientError):
                         self._failure = failure  # that it cannot be opened again is not why it ended
@@ -206,16 +216,22 @@ class Camera:
 
     def _stream(self) -> None:
         """Publish frames until told to stop. Raises ``DeviceError`` where the stream ends."""
-        capture: cv2.VideoCapture | None = None
+        capture: cv2.VideoCapture | Snapshots | None = None
         try:
             capture = self._open()
             not_before_s = -math.inf
-            exposure = LocalExposure(capture) if self._is_local else None
+            exposure = (
+                LocalExposure(capture) if isinstance(capture, cv2.VideoCapture) and self._is_local else None
+            )
             while not self._stop.is_set():
                 if exposure is not None:
                     exposure.set(self._wanted_ev)
                 begun_s = time.monotonic()
-                if not capture.grab():
+                try:
+                    grabbed = capture.grab()
+                except UnusableUrlError as error:
+                    raise self._error(f"gives no picture: {error.problem}", error.remedy) from None
+                if not grabbed:
                     raise self._error(
                         f"stopped sending (nothing for {self._section.read_timeout_s:g} s, or it closed the stream)",
                         "check its power and cable or network",
@@ -241,8 +257,18 @@ class Camera:
             self._changed.notify_all()
         feed.publish(frame)
 
-    def _open(self) -> cv2.VideoCapture:
+    def _ended_as_a_snapshot_does(self) -> bool:
+        """Whether the address gives one picture and not a stream: from now on it is asked for each."""
+        source = self._section.source
+        if self._gives_snapshots or self._count > 1 or not is_http(source):
+            return False
+        self._gives_snapshots = gives_snapshots(str(source))
+        return self._gives_snapshots
+
+    def _open(self) -> cv2.VideoCapture | Snapshots:
         section = self._section
+        if self._gives_snapshots:
+            return Snapshots(str(section.source), section.read_timeout_s)
         cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
         if self._is_local:
             capture = cv2.VideoCapture(section.source, cv2.CAP_V4L2)
@@ -258,9 +284,8 @@ class Camera:
             ]
             capture = cv2.VideoCapture(section.source, cv2.CAP_FFMPEG, timeouts_ms)
         if not capture.isOpened():
-            raise self._error(
-                "cannot be opened", "check that it is connected and running, and [camera] source"
-            )
+            capture.release()
+            raise self._error(*why_not_opened(section.source))
         return capture
 
     def _checked(self, image: NDArray[Any]) -> Image:

@@ -3,6 +3,7 @@
 ``configs/vehicle.toml`` explains each key to the engineer who installs the rig.
 """
 
+import errno
 import logging
 import os
 import re
@@ -22,7 +23,10 @@ from pydantic import (
 )
 
 from localizer.documents import DocumentError, read_toml
+from localizer.os_errors import meant_instead
+from rig.bus.i2c_names import checked_bus
 from rig.calibration import CALIBRATION_ORDER, AppliedCalibration, CalibrationError, read_calibration
+from rig.config_conflicts import conflicts
 from rig.config_problems import joined, wrong_keys, wrong_value
 from rig.config_section import Section
 from rig.daemon.config import RunSection
@@ -36,12 +40,6 @@ MOST_SOFT_IRON = 0.5
 _log = logging.getLogger(__name__)
 
 Rows = tuple[tuple[float, float, float], ...]
-
-
-def _bus_address(text: str) -> str:
-    if not re.fullmatch(r"/dev/i2c-\d+|tcp://([^/:\s]+|\[[^]]+\]):\d+/\d+", text):
-        raise ValueError(f"{text!r} is no I2C bus; give /dev/i2c-N or tcp://HOST:PORT/BUS")
-    return text
 
 
 def _camera_source(source: object) -> object:
@@ -71,7 +69,7 @@ Triple = Annotated[tuple[Finite, Finite, Finite], Field(strict=False)]
 Row = Annotated[tuple[Finite, Finite, Finite], Field(strict=False)]
 Matrix = Annotated[tuple[Row, Row, Row], Field(strict=False), AfterValidator(_near_identity)]
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-Bus = Annotated[str, AfterValidator(_bus_address)]
+Bus = Annotated[str, BeforeValidator(checked_bus)]
 I2cAddress = Annotated[int, Field(ge=0x08, le=0x77)]
 Port = Annotated[str, Field(min_length=1)]
 Baud = Annotated[int, Field(ge=300)]
@@ -382,6 +380,8 @@ class RigConfig(Section):
                 "[compass] declination_deg: needed to get from magnetic to true north; give it, "
                 "or the rough [place] to compute it from"
             )
+        for conflict in conflicts(self):
+            raise ValueError(conflict)
         return self
 
 
@@ -406,6 +406,7 @@ def load_config(path: Path) -> RigConfig:
     except OSError as error:
         raise ConfigError(
             f"{path}: cannot be read: {error.strerror}; check --config or {ENVIRONMENT_VARIABLE}"
+            + (meant_instead(path) if error.errno == errno.ENOENT else "")
         ) from error
     except DocumentError as error:
         raise ConfigError(f"{path}: {error}") from error

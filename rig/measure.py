@@ -3,6 +3,7 @@
 import logging
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
@@ -25,6 +26,7 @@ _log = logging.getLogger(__name__)
 DRIFT_SIGMAS = 3.0
 ALTIMETER_AVERAGE_S = 0.5
 NUDGED_TICKS = 4
+TWO_PRESSURES_HPA = 3.0  # 25 m of altitude, within half a second
 MOST_DRIFT_M = 150.0  # from a deep low to a strong high
 
 
@@ -106,9 +108,16 @@ def read_altitude(altimeter: Altimeter, section: AltimeterSection) -> AltitudeRe
 
 
 def read_pressure(altimeter: Altimeter, duration_s: float) -> MeanPressure:
-    """Mean over some seconds."""
+    """Mean over some seconds. ``DeviceError`` where two pressures come in turns: their mean is none of them."""
     readings = retry(partial(altimeter.read_many, duration_s))
     pressures_hpa = np.array([reading.pressure_hpa for reading in readings])
+    two = two_pressures(pressures_hpa.tolist())
+    if two:
+        raise DeviceError(
+            altimeter.identify(),
+            f"says {two[0]:.1f} and {two[1]:.1f} hPa in turns, perhaps the pressure here and that of sea level (QNH)",
+            "set the instrument to send the pressure at the sensor only",
+        )
     return MeanPressure(
         altimeter.identify(),
         readings[-1].utc,
@@ -117,6 +126,20 @@ def read_pressure(altimeter: Altimeter, duration_s: float) -> MeanPressure:
         readings[-1].temperature_c,
         len(readings),
     )
+
+
+def two_pressures(pressures_hpa: Sequence[float]) -> tuple[float, float] | None:
+    """The means of two groups that lie further apart than weather and noise put them; None of one group."""
+    ordered = np.sort(np.asarray(pressures_hpa, float))
+    if len(ordered) < 2:
+        return None
+    gaps = np.diff(ordered)
+    widest = int(np.argmax(gaps))
+    low, high = ordered[: widest + 1], ordered[widest + 1 :]
+    within = max(float(np.ptp(low)), float(np.ptp(high)))
+    if gaps[widest] < TWO_PRESSURES_HPA or gaps[widest] < 4.0 * within:
+        return None
+    return float(low.mean()), float(high.mean())
 
 
 def altitude_from(mean: MeanPressure, section: AltimeterSection) -> AltitudeReading:

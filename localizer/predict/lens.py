@@ -12,6 +12,7 @@ from localizer.bundle import FILE_NAME, Camera
 from localizer.camera import azimuth_elevation_deg, camera_to_world, pixel_rays, project
 from localizer.documents import DocumentError, read_json
 from localizer.errors import SkyfixError
+from localizer.os_errors import why_not_read
 from localizer.predict.views import View
 
 Floats = NDArray[np.float64]
@@ -53,7 +54,7 @@ def load_camera(path: Path) -> Camera:
     try:
         fields = read_json(file)
     except OSError as error:
-        raise SkyfixError(f"--camera: {file}: {error.strerror}") from None
+        raise SkyfixError(f"--camera: {file}: {why_not_read(error, file)}") from None
     except DocumentError as error:
         raise SkyfixError(
             f"--camera: {file}: is not JSON that can be used ({error}); name a bundle or its {FILE_NAME}"

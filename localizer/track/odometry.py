@@ -20,6 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field, JsonValue, TypeAdapter, Valid
 
 from localizer.documents import MOST_JSON_BYTES, DocumentError, json_text, read_file
 from localizer.errors import SkyfixError
+from localizer.os_errors import why_not_read
 from localizer.track.places import Matrix
 
 Floats = NDArray[np.float64]
@@ -154,7 +155,7 @@ def load_odometry(path: Path, legs: int) -> Odometry:
     try:
         lines = read_file(path, MOST_JSON_BYTES).decode("utf-8-sig").splitlines()
     except OSError as error:
-        raise OdometryError(f"{path}: {error.strerror}") from None
+        raise OdometryError(f"{path}: {why_not_read(error, path)}") from None
     except DocumentError as error:
         raise OdometryError(f"{path}: {error}") from None
     except UnicodeDecodeError:

@@ -10,6 +10,7 @@ from typing import Any
 import click
 
 from localizer.bundle import Bundle, BundleError, load_bundle
+from localizer.os_errors import meant_instead
 from rig.bundle.archive import ArchiveError, bundles_of_archive, is_archive
 from rig.bundle.facts import TABLE_COLUMNS, bundles_in, facts, how_often, table_rows, to_the_second
 from rig.cli_options import folders_argument
@@ -21,7 +22,9 @@ def loaded(paths: tuple[Path, ...]) -> Iterator[tuple[Path, Bundle | BundleError
     """The bundles in some folders, each of which may be one, whole or damaged. ``BundleError`` where there is none."""
     for folder in paths:
         if not folder.is_dir():
-            raise BundleError(f"{folder}: is no folder; name a bundle, or the folder that bundles are in")
+            what = "is no folder" if folder.exists() else "is no folder, and no file either"
+            meant = "" if folder.exists() else meant_instead(folder)
+            raise BundleError(f"{folder}: {what}; name a bundle, or the folder that bundles are in{meant}")
         found = bundles_in(folder)
         if not found:
             raise BundleError(f"{folder}: holds no bundle")

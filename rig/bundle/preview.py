@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from localizer.bundle import Bundle, Frame, frame_image
 from localizer.horizon.from_image import CONFIDENT, ColumnState, Skyline, find_skyline
+from localizer.os_errors import why_not_written
 from rig.atomic import write_atomically
 from rig.bundle.facts import facts, how_often
 from rig.errors import RigError
@@ -37,7 +38,7 @@ def write_preview(path: Path, bundle: Bundle, title: str) -> None:
     try:
         write_atomically(path, cv2.imencode(suffix, contact_sheet(bundle, title), options)[1].tobytes())
     except OSError as error:
-        raise PreviewError(f"{path}: cannot be written: {error.strerror}") from error
+        raise PreviewError(f"{path}: {why_not_written(error)}") from error
 
 
 def contact_sheet(bundle: Bundle, title: str) -> Image:

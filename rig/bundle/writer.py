@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from localizer.bundle import FILE_NAME, Altitude, Bundle, Camera, Frame, load_bundle, sha256_of
+from localizer.os_errors import why_not_written
 from rig.atomic import sync
 from rig.errors import RigError
 
@@ -108,10 +109,8 @@ def write_bundle(folder: Path, measurement: Measurement) -> Path:
             f"{folder / name}: would be no valid bundle: {field}: {first['msg']}"
         ) from error
     except OSError as error:
-        reason = error.strerror or str(error)
-        raise BundleWriteError(
-            f"{folder / name}: cannot be written: {reason}; choose another with --out"
-        ) from error
+        why = why_not_written(error, "choose another with --out")
+        raise BundleWriteError(f"{folder / name}: {why}") from error
     finally:
         shutil.rmtree(partial, ignore_errors=True)
     return folder / name

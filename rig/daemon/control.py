@@ -185,6 +185,14 @@ def ask(path: Path, wish: str, timeout_s: float = 10.0) -> dict[str, Any]:
             raise ControlError(
                 f"{path}: no rig run listens there; start it, with the same configuration"
             ) from None
+        except PermissionError as error:
+            raise ControlError(
+                f"{path}: this user may not reach it: {error.strerror}; join the group of the socket, often skyfix, or use sudo"
+            ) from error
+        except TimeoutError as error:
+            raise ControlError(
+                f"{path}: rig run does not answer within {timeout_s:g} s; see its log (journalctl -u skyfix)"
+            ) from error
         except OSError as error:
             raise ControlError(f"{path}: rig run does not answer: {error.strerror or error}") from error
     try:

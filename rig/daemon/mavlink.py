@@ -10,7 +10,7 @@ from typing import Any
 
 from rig.daemon.board import Board
 from rig.daemon.config import MavlinkOutput
-from rig.daemon.mavlink_link import Link, check, opened
+from rig.daemon.mavlink_link import Link, check, opened, why_no_link
 from rig.daemon.mavlink_messages import dialect, external_position_estimate, gps_input, heartbeat
 from rig.daemon.progress import Loops
 from rig.daemon.published import PublishedFix, current_fix, lapsed
@@ -75,7 +75,9 @@ class _Publisher:
                             if loops is not None:
                                 loops.beat(NAME)
                 except (OSError, DeviceError) as error:
-                    self._board.set_device(NAME, "failing", f"{self._section.connection}: {error}")
+                    self._board.set_device(
+                        NAME, "failing", f"{self._section.connection}: {why_no_link(error)}"
+                    )
                     if loops is not None:
                         loops.beat(NAME, within_s=wait_s + LOOP_LONGEST_S)
                     stop.wait(wait_s)

@@ -356,7 +356,22 @@ class Spool:
             except sqlite3.Error as error:
                 if self._db.in_transaction:
                     self._db.execute("ROLLBACK")
-                raise SpoolError(f"{self.folder / 'index.sqlite'}: {error}; is the disk full?") from error
+                raise SpoolError(f"{self.folder / 'index.sqlite'}: {error}; {_remedy(error)}") from error
+
+
+def _remedy(error: sqlite3.Error) -> str:
+    """What to do about an error of the index, by SQLite's words for it."""
+    for words, remedy in (
+        ("full", "make room on the disk"),
+        ("locked", "end the other program that has it open"),
+        ("readonly", "change who may write there, or mount the file system writable"),
+        ("unable to open", "change who may read and write there"),
+        ("malformed", "move it away: it is made anew from the bundles"),
+        ("not a database", "move it away: it is made anew from the bundles"),
+    ):
+        if words in str(error):
+            return remedy
+    return "look at the disk (dmesg)"
 
 
 def _remove(path: Path) -> None:

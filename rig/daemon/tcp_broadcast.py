@@ -7,6 +7,7 @@ import socket
 from contextlib import suppress
 
 from rig.daemon.config import host_and_port
+from rig.daemon.listening import why_not_listening
 from rig.errors import ConfigError
 
 MOST_CLIENTS = 32
@@ -29,7 +30,7 @@ class TcpBroadcast:
                 (str(found[0]), int(found[1])), family=family, backlog=MOST_CLIENTS
             )
         except OSError as error:
-            raise ConfigError(f"{key}: cannot listen on {address}: {error.strerror}; give another") from None
+            raise ConfigError(f"{key}: cannot listen on {address}: {why_not_listening(error)}") from None
         self._listener.setblocking(False)
         self._selector = selectors.DefaultSelector()
         self._selector.register(self._listener, selectors.EVENT_READ)

@@ -23,6 +23,7 @@ _REFUSALS: dict[int, str] = {
     StatusError.DATA_LIMIT: "says that the value is beyond its limit registers",
     StatusError.ACCESS: "does not allow that register to be accessed now",
 }
+_LATE = "shorten the adapter's latency (rig check says how), or take a faster computer"
 _OF_VALUES = (StatusError.DATA_RANGE, StatusError.DATA_LIMIT)
 """Refusals of a value, which an instruction that brings none cannot earn."""
 
@@ -53,6 +54,18 @@ class ServoBus:
         """Model number and firmware version of the servo with that id."""
         parameters = self._exchange(servo_id, Instruction.PING, b"", 3)
         return int.from_bytes(parameters[:2], "little"), parameters[2]
+
+    def ping_all(self, wait_s: float) -> dict[int, int]:
+        """Model numbers by id of all servos that answer within ``wait_s``."""
+        self._port.discard_input()
+        self._port.write(frame(BROADCAST_ID, Instruction.PING))
+        deadline, parser = Deadline.after(wait_s), StatusParser()
+        found: dict[int, int] = {}
+        while not deadline.expired:
+            for status in parser.feed(self._port.read(deadline)):
+                if len(status.parameters) == 3:
+                    found[status.servo_id] = int.from_bytes(status.parameters[:2], "little")
+        return found
 
     def read(self, servo_id: int, address: int, length: int) -> bytes:
         """``length`` bytes of one servo's control table."""
@@ -94,7 +107,7 @@ class ServoBus:
         if status.error_number == StatusError.CRC:
             raise TransientError(device, _REFUSALS[StatusError.CRC], "check the cable")
         if status.error_number in _OF_VALUES and instruction in (Instruction.READ, Instruction.PING):
-            raise TransientError(device, "answered an earlier instruction, late", "check the cable")
+            raise TransientError(device, "answered an earlier instruction, late", _LATE)
         if status.error_number:
             number = status.error_number
             why = _REFUSALS.get(number, f"refuses with the unknown error {number}")

@@ -25,6 +25,7 @@ from typing import Any
 
 from localizer.bundle import Bundle, is_bundle_id
 from localizer.documents import DocumentError, json_values, read_file
+from localizer.os_errors import why_not_read, why_not_written
 from rig.atomic import sync, write_atomically
 from rig.clock import wall_clock
 from rig.errors import RigError
@@ -135,7 +136,7 @@ class Series:
                 file.flush()
                 os.fsync(file.fileno())
         except OSError as error:
-            raise SeriesError(f"{path}: cannot be written: {error.strerror}; the series ends here") from error
+            raise SeriesError(f"{path}: {why_not_written(error)}; the series ends here") from error
 
 
 def begin_series(out_dir: Path, plan: Plan) -> Series:
@@ -147,7 +148,7 @@ def begin_series(out_dir: Path, plan: Plan) -> Series:
         write_atomically(folder / FILE_NAME, json.dumps(header).encode() + b"\n")
         sync(out_dir)
     except OSError as error:
-        raise SeriesError(f"{folder}: cannot be written: {error.strerror}; choose another --out") from error
+        raise SeriesError(f"{folder}: {why_not_written(error, 'choose another --out')}") from error
     return Series(folder, plan)
 
 
@@ -166,7 +167,7 @@ def load_series(folder: Path) -> Series:
     try:
         lines = read_file(path, MOST_RECORD_BYTES).split(b"\n")
     except OSError as error:
-        raise SeriesError(f"{path}: cannot be read: {error.strerror}") from error
+        raise SeriesError(f"{path}: {why_not_read(error, path)}") from error
     except DocumentError as error:
         raise SeriesError(f"{path}: {error}; --fresh begins another series") from error
     series: Series | None = None

@@ -15,6 +15,7 @@ from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
 from mcap.writer import Writer
 
 from localizer.documents import json_values
+from localizer.os_errors import why_not_read, why_not_written
 from rig.errors import RigError
 
 MOST_RECORD_BYTES = 64_000_000
@@ -70,7 +71,7 @@ class TelemetryFile:
             with self.path.open("rb") as file:
                 yield from self._messages(file)
         except OSError as error:
-            raise TelemetryReadError(f"{self.path}: cannot be read: {error.strerror}") from error
+            raise TelemetryReadError(f"{self.path}: {why_not_read(error, self.path)}") from error
 
     def _messages(self, file: IO[bytes]) -> Iterator[Logged]:
         channels: dict[int, Channel] = {}
@@ -152,9 +153,7 @@ def mend(source: Path, target: Path) -> int:
                 target.unlink()
                 raise
     except OSError as error:
-        raise TelemetryReadError(
-            f"{target}: cannot be written: {error.strerror}; choose another name"
-        ) from error
+        raise TelemetryReadError(f"{target}: {why_not_written(error, 'choose another name')}") from error
     return count
 
 

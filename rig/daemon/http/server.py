@@ -17,6 +17,7 @@ from rig.daemon.http.guard import read_token
 from rig.daemon.http.map import ReliefMap
 from rig.daemon.http.patience import PatientProtocol
 from rig.daemon.http.relay import Relay
+from rig.daemon.listening import why_not_listening
 from rig.daemon.progress import Loops
 from rig.errors import RigError
 
@@ -102,9 +103,7 @@ def _listen(address: str) -> socket.socket:
 
 
 def _refused(address: str, error: OSError) -> HttpError:
-    return HttpError(
-        f"[run.http] listen {address}: {error.strerror}; give another address, or end what listens there"
-    )
+    return HttpError(f"[run.http] listen {address}: {why_not_listening(error)}")
 
 
 def _url(listening: socket.socket) -> str:
