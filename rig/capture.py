@@ -92,6 +92,8 @@ def capture(
     report.doing("connecting")
     try:
         with collecting() as faults:
+            if wrong := clock.problem():
+                note_fault("wall clock", wrong, "times in this bundle are as wrong; the measurement is not")
             with connect(config, spare=spare) as rig:
                 measurement = (
                     measure_and_park(rig, directions, report) if park else measure(rig, directions, report)

@@ -16,8 +16,11 @@ from rich.table import Table
 from rig.attitude.heading import PLAUSIBLE_FIELD_UT, circular_mean_deg
 from rig.attitude.kinematics import wrapped_deg
 from rig.attitude.level import in_axes
+from rig.attitude.magnetic_model import date_problem
 from rig.bus.retry import retry
 from rig.camera import Camera
+from rig.clock import problem as clock_problem
+from rig.clock import wall_clock
 from rig.config import (
     AltimeterSection,
     CameraSection,
@@ -29,7 +32,7 @@ from rig.config import (
 )
 from rig.connect import open_altimeter, open_compass, open_inclinometer, open_pan_tilt
 from rig.errors import RigError
-from rig.measure import read_altitude, read_level
+from rig.measure import read_altitude, read_level, utc_text
 from rig.readings import FieldReading, HeadingReading
 
 LEVEL_NOISE_LIMIT_DEG = 0.005
@@ -69,7 +72,17 @@ def check_devices(config: RigConfig) -> list[DeviceCheck]:
         checks.append(("altimeter", partial(check_altimeter, config.altimeter)))
     checks.append(("camera", partial(check_camera, config.camera)))
     with ThreadPoolExecutor(len(checks)) as pool:
-        return list(pool.map(lambda check: _guarded(*check), checks))
+        return [*pool.map(lambda check: _guarded(*check), checks), *check_clock()]
+
+
+def check_clock() -> list[DeviceCheck]:
+    """The computer's clock, where it cannot be right or is beyond what the magnetic model knows; nothing where it is well."""
+    now = wall_clock()
+    wrong = clock_problem(now) or date_problem(now)
+    if wrong is None:
+        return []
+    remedy = "set it: from a GPS, the network or by hand (timedatectl), and give the computer a battery-backed clock"
+    return [DeviceCheck("clock", "computer's clock", utc_text(now), "", (), (), f"{wrong}; {remedy}")]
 
 
 def check_pan_tilt(section: PanTiltSection) -> DeviceCheck:
@@ -210,7 +223,7 @@ def _field_check(identity: str, fields: Sequence[FieldReading], section: Mmc5983
         f"{total_ut:.1f} uT (right {x_ut:.1f}, ahead {y_ut:.1f}, up {z_ut:.1f})",
         f"{chip_ut.std(axis=0).max():.3f} uT",
         (),
-        (fields[-1].temperature_c,),
+        tuple(each.temperature_c for each in fields[-1:] if each.temperature_c is not None),
         None if low <= total_ut <= high else not_earth,
     )
 

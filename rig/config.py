@@ -226,11 +226,13 @@ class Mmc5983maSection(Section):
 
 
 class NmeaCompassSection(Section):
-    """``[compass]`` with ``kind = "nmea"``: a serial talker; HDG, HDM, HDT, THS, PTNTHPR or OHPR."""
+    """``[compass]`` with ``kind = "nmea"``: a serial talker; HDG, HDM, HDT, THS, PTNTHPR, OHPR or OceanServer's $C."""
 
     kind: Literal["nmea"]
     port: Port
     baud: Baud = 4800
+    require_checksum: bool = True
+    sentence: Annotated[str, Field(min_length=2)] | None = None
     declination_deg: Annotated[float, Field(ge=-180.0, le=180.0)] | None = None
     azimuth_bias_sigma_deg: Positive = 1.0
     heading_offset_deg: HeadingOffset = 0.0
@@ -259,6 +261,14 @@ class SerialAltimeterSection(_AltimeterSection):
     kind: Literal["nmea", "vaisala-pa50"]
     port: Port
     baud: Baud = 4800
+    require_checksum: bool = True
+    transducer: Annotated[str, Field(min_length=1)] | None = None
+
+    @model_validator(mode="after")
+    def _transducers_are_of_nmea(self) -> Self:
+        if self.kind != "nmea" and (self.transducer is not None or not self.require_checksum):
+            raise ValueError(f"transducer and require_checksum are for kind nmea, not for {self.kind}")
+        return self
 
 
 CompassSection = Mmc5983maSection | NmeaCompassSection
@@ -373,6 +383,7 @@ class RigConfig(Section):
                     f"[capture] base_attitude_pan_angles_deg: pan {angle_deg:g}, tilt 0 lies in the keep-out zone "
                     f"{described(zone)}"
                 )
+        _require_shareable_ports(self)
         if (
             isinstance(self.compass, Mmc5983maSection)
             and self.compass.declination_deg is None
@@ -383,6 +394,27 @@ class RigConfig(Section):
                 "or the rough [place] to compute it from"
             )
         return self
+
+
+def _require_shareable_ports(config: RigConfig) -> None:
+    """Talkers may share a port, at one baud rate; servos and an autopilot need one of their own."""
+    talkers = {
+        name: section
+        for name, section in (("compass", config.compass), ("altimeter", config.altimeter))
+        if isinstance(section, NmeaCompassSection | SerialAltimeterSection)
+    }
+    alone = {"pan_tilt": config.pan_tilt.port}
+    if config.run and config.run.mavlink:
+        alone["run.mavlink"] = config.run.mavlink.connection
+    for name, port in alone.items():
+        for other, path in {**{n: t.port for n, t in talkers.items()}, **alone}.items():
+            if other != name and path == port:
+                raise ValueError(
+                    f"[{name}] and [{other}] have the same port {port}: only compass and altimeter can share one"
+                )
+    bauds = {section.baud for section in talkers.values()}
+    if len({section.port for section in talkers.values()}) < len(talkers) and len(bauds) > 1:
+        raise ValueError("[compass] and [altimeter] share a port and have another baud each; give both the same")
 
 
 def config_path(given: Path | None, environment: Mapping[str, str] = os.environ) -> Path:

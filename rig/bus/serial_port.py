@@ -12,17 +12,21 @@ import logging
 import select
 import termios
 from collections.abc import Iterator
+from pathlib import Path
 
 import serial
 
 from rig.bus import tap
 from rig.bus.deadline import Deadline
 from rig.errors import DeviceError, LostPortError
+from rig.fault_notes import note_fault
 
 _log = logging.getLogger(__name__)
 
 _READ_BYTES = 4096
 _WRITE_TIMEOUT_S = 1.0
+MOST_LATENCY_MS = 4
+SYSFS_TTY = Path("/sys/class/tty")
 _FAILURES = (OSError, termios.error, ValueError)  # SerialException is an OSError
 
 _REMEDIES = {
@@ -65,6 +69,13 @@ class SerialPort:
             port.set_low_latency_mode(True)
         except (ValueError, OSError) as error:
             _log.debug("%s has no low-latency mode: %s", self.path, error)
+        latency_ms = adapter_latency_ms(self.path)
+        if latency_ms is not None and latency_ms > MOST_LATENCY_MS:
+            note_fault(
+                f"serial port {self.path}",
+                f"its adapter holds bytes back for {latency_ms} ms, and keeps doing so",
+                f"went on, slower; as root: echo 1 > {_latency_file(self.path)}, or a udev rule for it",
+            )
         return port
 
     def read(self, deadline: Deadline) -> bytes:
@@ -104,6 +115,18 @@ class SerialPort:
         except LostPortError:
             self.close()
             raise
+
+
+def adapter_latency_ms(path: str) -> int | None:
+    """How long a USB adapter (FTDI) waits for more bytes before it passes a few on; None where it does not say."""
+    try:
+        return int(_latency_file(path).read_text(encoding="ascii"))
+    except (OSError, ValueError):
+        return None
+
+
+def _latency_file(path: str) -> Path:
+    return SYSFS_TTY / Path(path).resolve().name / "device" / "latency_timer"
 
 
 @contextlib.contextmanager

@@ -59,7 +59,8 @@ def fit_pressure(readings: Sequence[PressureReading], known: KnownAltitude) -> P
             f"altimeter: the pressure changed by {noise_m:.1f} m while it was read; close the doors, shelter it from "
             "the wind, and calibrate again"
         )
-    return PressureFit(mean_hpa, math.hypot(known.sigma_m, noise_m), noise_m)
+    rounding_m = min(reading.resolution_hpa for reading in readings) / math.sqrt(12.0) * metres
+    return PressureFit(mean_hpa, math.hypot(known.sigma_m, noise_m, rounding_m), noise_m)
 
 
 def calibrate_altimeter(
