@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -17,6 +17,7 @@ from rig.attitude.heading import PLAUSIBLE_FIELD_UT, circular_mean_deg
 from rig.attitude.kinematics import wrapped_deg
 from rig.attitude.level import in_axes
 from rig.attitude.magnetic_model import date_problem
+from rig.attitude.talker_headings import heading_doubts
 from rig.bus.retry import retry
 from rig.camera import Camera
 from rig.clock import problem as clock_problem
@@ -28,12 +29,15 @@ from rig.config import (
     InclinometerSection,
     Mmc5983maSection,
     PanTiltSection,
+    Place,
     RigConfig,
 )
 from rig.connect import open_altimeter, open_compass, open_inclinometer, open_pan_tilt
 from rig.errors import RigError
+from rig.fault_notes import collecting
 from rig.measure import read_altitude, read_level, utc_text
 from rig.readings import FieldReading, HeadingReading
+from rig.sensors.agreement import RELABELLED
 
 LEVEL_NOISE_LIMIT_DEG = 0.005
 READING_S = 0.5
@@ -67,7 +71,7 @@ def check_devices(config: RigConfig) -> list[DeviceCheck]:
         ("inclinometer", partial(check_inclinometer, config.inclinometer)),
     ]
     if config.compass:
-        checks.append(("compass", partial(check_compass, config.compass)))
+        checks.append(("compass", partial(check_compass, config.compass, config.place)))
     if config.altimeter:
         checks.append(("altimeter", partial(check_altimeter, config.altimeter)))
     checks.append(("camera", partial(check_camera, config.camera)))
@@ -122,26 +126,30 @@ def check_inclinometer(section: InclinometerSection) -> DeviceCheck:
         )
 
 
-def check_compass(section: CompassSection) -> DeviceCheck:
-    """Field or heading over half a second."""
+def check_compass(section: CompassSection, place: Place | None = None) -> DeviceCheck:
+    """Field or heading over half a second; of a talker also whether a true heading can be had from what it sends."""
     with closing(open_compass(section)) as compass:
         readings = retry(partial(compass.read_many, READING_S))
         fields = [reading for reading in readings if isinstance(reading, FieldReading)]
         headings = [reading for reading in readings if isinstance(reading, HeadingReading)]
         if isinstance(section, Mmc5983maSection):
             return _field_check(compass.identify(), fields, section)
-        return _heading_check(compass.identify(), headings)
+        found = _heading_check(compass.identify(), headings)
+        doubts = heading_doubts(headings, section, place)
+        return replace(found, reading="; ".join([found.reading, *doubts]))
 
 
 def check_altimeter(section: AltimeterSection) -> DeviceCheck:
     """Pressure, and the altitude that it means."""
     with closing(open_altimeter(section)) as barometer:
-        altitude = read_altitude(barometer, section)
+        with collecting() as faults:
+            altitude = read_altitude(barometer, section)
+        put_right = [note.problem for note in faults.all() if note.action == RELABELLED]
         temperature_c = altitude.raw["temperature_c"]
         return DeviceCheck(
             "altimeter",
             barometer.identify(),
-            f"{altitude.raw['pressure_hpa']:.2f} hPa, {altitude.altitude_m:.1f} m",
+            "; ".join([f"{altitude.raw['pressure_hpa']:.2f} hPa, {altitude.altitude_m:.1f} m", *put_right]),
             f"{altitude.raw['pressure_scatter_hpa']:.3f} hPa",
             (),
             () if temperature_c is None else (temperature_c,),

@@ -414,7 +414,9 @@ def _require_shareable_ports(config: RigConfig) -> None:
                 )
     bauds = {section.baud for section in talkers.values()}
     if len({section.port for section in talkers.values()}) < len(talkers) and len(bauds) > 1:
-        raise ValueError("[compass] and [altimeter] share a port and have another baud each; give both the same")
+        raise ValueError(
+            "[compass] and [altimeter] share a port and have another baud each; give both the same"
+        )
 
 
 def config_path(given: Path | None, environment: Mapping[str, str] = os.environ) -> Path:

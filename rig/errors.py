@@ -31,7 +31,9 @@ class NoReadingError(MessageError):
     """
 
     def __init__(
-        self, problem: str, remedy: str = "wait until the instrument has a value; look at its state and settings"
+        self,
+        problem: str,
+        remedy: str = "wait until the instrument has a value; look at its state and settings",
     ) -> None:
         super().__init__(problem)
         self.remedy = remedy

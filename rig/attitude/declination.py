@@ -65,7 +65,7 @@ def declination(
         agrees_deg = max(AGREES_DEG, MODEL_SIGMAS * model.declination_sigma_deg, 2.0 * model.date_sigma_deg)
         if off_deg <= agrees_deg and not is_filler:
             return Declination(sent_deg, "talker", off_deg / 2.0)
-        sent = f"sends the variation {sent_deg:.1f} deg, and the World Magnetic Model has {model.declination_deg:.1f}"
+        sent = f"sends the variation {sent_deg:z.1f} deg, and the World Magnetic Model has {model.declination_deg:z.1f}"
         doubt = f"{sent} deg at [place]" + (f" ({doubt})" if doubt else "")
         action = "the model's is used"
     return Declination(model.declination_deg, "World Magnetic Model", model.date_sigma_deg, doubt, action)

@@ -1,7 +1,7 @@
 """The Earth's magnetic field at a place and time, by the World Magnetic Model."""
 
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import MAXYEAR, UTC, datetime
 
 from pygeomag import GeoMag, calculate_decimal_year
 
@@ -28,7 +28,7 @@ def model_field(place: Place, when: datetime) -> ModelField:
     """The field at a place; outside the years that the model is good for, that of the nearest of its dates."""
     model = GeoMag()
     first, last = model.life_span
-    year = calculate_decimal_year(when)
+    year = _decimal_year(when)
     nearest = min(max(year, first), last)
     where = place.lat_deg, place.lon_deg, place.altitude_m / 1000.0
     field = model.calculate(*where, nearest)
@@ -48,9 +48,11 @@ def model_field(place: Place, when: datetime) -> ModelField:
 def date_problem(when: datetime) -> str | None:
     """Why the model has nothing for a date, in words for people; None where it has."""
     first, last = GeoMag().life_span
-    if first <= calculate_decimal_year(when) <= last:
+    if first <= _decimal_year(when) <= last:
         return None
     side = "before" if when < datetime(int(first), 1, 1, tzinfo=UTC) else "after"
-    return (
-        f"the computer's clock says {when:%Y-%m-%d}, {side} the World Magnetic Model's years {first:g} to {last:g}"
-    )
+    return f"the computer's clock says {when:%Y-%m-%d}, {side} the World Magnetic Model's years {first:g} to {last:g}"
+
+
+def _decimal_year(when: datetime) -> float:
+    return float(calculate_decimal_year(when)) if when.year < MAXYEAR else float(MAXYEAR)

@@ -18,7 +18,7 @@ from rig.attitude.heading import HeadingsAtPan, circular_mean_deg
 from rig.attitude.kinematics import wrapped_deg
 from rig.config import NmeaCompassSection, Place
 from rig.errors import DeviceError
-from rig.fault_notes import note_fault
+from rig.fault_notes import collecting, note_fault
 from rig.readings import HeadingReading
 
 SAME_DEVIATION_DEG = 0.15
@@ -91,12 +91,38 @@ def true_headings(
         north.note()
     estimated = any(each.estimated for each in left)
     if estimated:
-        note_fault("compass", "its heading is estimated (dead reckoning)", f"{ESTIMATED_SIGMA_DEG:g} deg of sigma")
+        note_fault(
+            "compass", "its heading is estimated (dead reckoning)", f"{ESTIMATED_SIGMA_DEG:g} deg of sigma"
+        )
     step_deg = min(each.resolution_deg for each in left)
     sigma_deg = math.hypot(
-        step_deg / math.sqrt(12.0), north.sigma_deg if north else 0.0, ESTIMATED_SIGMA_DEG if estimated else 0.0
+        step_deg / math.sqrt(12.0),
+        north.sigma_deg if north else 0.0,
+        ESTIMATED_SIGMA_DEG if estimated else 0.0,
     )
     return TrueHeadings(at_pans, north, sigma_deg)
+
+
+@dataclass(frozen=True)
+class _Here:
+    """One stop, without turning the head."""
+
+    headings: tuple[HeadingReading, ...]
+    utc: datetime
+    pan_deg: float = 0.0
+
+    @property
+    def joints(self) -> PanAngle:
+        return self
+
+
+def heading_doubts(
+    headings: Sequence[HeadingReading], section: NmeaCompassSection, place: Place | None
+) -> list[str]:
+    """What a capture would note about such headings, "PROBLEM: ACTION" each. Raises as ``true_headings`` does."""
+    with collecting() as faults:
+        true_headings([_Here(tuple(headings), headings[-1].utc)], section, place)
+    return [f"{note.problem}: {note.action}" for note in faults.all() if note.device == "compass"]
 
 
 def _true_deg(reading: HeadingReading, used: Mapping[float | None, Declination]) -> float:
@@ -113,7 +139,8 @@ def _declinations(
     known = next((each for each in sorted(filter(None, sent))), None)
     # HDM beside HDG is of the same compass: what the one leaves out, the other says.
     return {
-        each: declination(section.declination_deg, known if each is None else each, place, when) for each in sent
+        each: declination(section.declination_deg, known if each is None else each, place, when)
+        for each in sent
     }
 
 
@@ -137,7 +164,9 @@ def _without_misplaced_variation(
         return raw
     deviations = [each.deviation_deg for each in found]
     deviation_deg = sum(deviations) / len(deviations)
-    everywhere = all(each.deviation_deg for headings in raw for each in headings if each.source == found[0].source)
+    everywhere = all(
+        each.deviation_deg for headings in raw for each in headings if each.source == found[0].source
+    )
     if np.ptp(deviations) > SAME_DEVIATION_DEG or abs(deviation_deg) < LEAST_VARIATION_DEG or not everywhere:
         return raw
     twice = all(each.variation_deg == each.deviation_deg for each in found)
@@ -150,7 +179,9 @@ def _without_misplaced_variation(
     if not (twice or near):
         return raw
     note_fault(
-        "compass", f"sends the variation {deviation_deg:.1f} deg as its deviation", "added once, as the variation"
+        "compass",
+        f"sends the variation {deviation_deg:.1f} deg as its deviation",
+        "added once, as the variation",
     )
 
     def mended(reading: HeadingReading) -> HeadingReading:
@@ -180,13 +211,15 @@ def _without_false_north(
                 for each in headings
                 if each.source == source
             )
-            if turned_deg is None or abs(wrapped_deg(turned_deg - north_deg)) <= (
-                min(NORTHS_AGREE_DEG, abs(north_deg) / 2.0) if abs(turned_deg) < SAME_HEADING_DEG else NORTHS_AGREE_DEG
-            ):
+            if turned_deg is None:
+                continue
+            is_same = abs(turned_deg) <= SAME_HEADING_DEG
+            agree_deg = LEAST_VARIATION_DEG if is_same else NORTHS_AGREE_DEG
+            if abs(wrapped_deg(turned_deg - north_deg)) <= agree_deg:
                 continue
             what = (
                 f"sends its magnetic heading as a true one, in {true_source}"
-                if abs(turned_deg) <= SAME_HEADING_DEG
+                if is_same
                 else f"is {turned_deg:.1f} deg from magnetic to true in {true_source}, {north_deg:.1f} are right"
             )
             note_fault("compass", what, f"{source} is used")
@@ -199,7 +232,8 @@ def _turned_deg(raw: Sequence[Sequence[HeadingReading]], source: str, other: str
     differences = []
     for headings in raw:
         means = {
-            name: circular_mean_deg([each.heading_deg for each in some]) for name, some in _by_source(headings).items()
+            name: circular_mean_deg([each.heading_deg for each in some])
+            for name, some in _by_source(headings).items()
         }
         if source in means and other in means:
             differences.append(wrapped_deg(means[source] - means[other]))

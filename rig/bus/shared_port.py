@@ -32,7 +32,6 @@ class _Line:
         for listener in list(self.listeners):
             listener.take(data)
 
-
     def is_at(self, path: str) -> bool:
         """Whether the path leads to this port: a lasting name and ttyUSB0 may be the same."""
         return os.path.realpath(self.port.path) == os.path.realpath(path)
@@ -48,7 +47,9 @@ class SharedPort:
     Raises ``DeviceError`` as ``SerialPort`` does, and where the port is open at another baud rate already.
     """
 
-    def __init__(self, path: str, baud: int, open_port: Callable[[str, int], SerialPort] = SerialPort) -> None:
+    def __init__(
+        self, path: str, baud: int, open_port: Callable[[str, int], SerialPort] = SerialPort
+    ) -> None:
         self.path = path
         self.baud = baud
         self._waiting = bytearray()

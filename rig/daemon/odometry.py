@@ -15,7 +15,7 @@ from rig.daemon.config import OdometryInput
 from rig.daemon.listening import bound_udp
 from rig.daemon.velocity import StaleClock, Velocity, velocity_in
 from rig.errors import MessageError
-from rig.sensors.nmea import Sentence, parse_sentence
+from rig.sensors.nmea import parse_sentence
 
 _log = structlog.get_logger(__name__)
 
@@ -232,7 +232,7 @@ class OdometryListener:
         self._moving = moving
         self._bad = 0
         self._without_course = False
-        self._accept_estimated = section.accept_estimated
+        self._section = section
         self._clock = StaleClock()
 
     @property
@@ -262,7 +262,7 @@ class OdometryListener:
         try:
             if line.startswith(b"{"):
                 self._odometer.leg(parse_leg(line), at_s)
-            elif velocity := self._velocity_in(parse_sentence(line), at_s):
+            elif velocity := self._velocity_in(line, at_s):
                 self._odometer.velocity(velocity, at_s)
                 self._note_course(velocity)
                 if velocity.speed_m_s > STANDING_M_S:
@@ -274,10 +274,11 @@ class OdometryListener:
             ):  # 1, 2, 4, 8, ...: a talker that talks nonsense does not fill the log
                 _log.warning("odometry not understood", problem=str(error), so_far=self._bad)
 
-    def _velocity_in(self, sentence: Sentence, at_s: float) -> Velocity | None:
+    def _velocity_in(self, line: bytes, at_s: float) -> Velocity | None:
+        sentence = parse_sentence(line, require_checksum=self._section.require_checksum)
         if self._clock.is_stale(sentence, at_s):
             raise MessageError(f"{sentence.address} repeats the time {sentence.field(0)}: an old reading")
-        return velocity_in(sentence, accept_estimated=self._accept_estimated)
+        return velocity_in(sentence, accept_estimated=self._section.accept_estimated)
 
     def _note_course(self, velocity: Velocity) -> None:
         """Said once for as long as it lasts; at rest there is nothing to be said."""

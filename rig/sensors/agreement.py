@@ -4,6 +4,7 @@ from rig.errors import DeviceError
 from rig.fault_notes import note_fault
 from rig.readings import PressureReading
 
+RELABELLED = "the value can be nothing else"
 AGREE_HPA = 1.5
 """Good barometers in the same air; more is another place, another unit, or something else."""
 
@@ -11,7 +12,7 @@ AGREE_HPA = 1.5
 def one_pressure_source(name: str, readings: list[PressureReading]) -> list[PressureReading]:
     """The readings of the finest source, where all agree with it. ``DeviceError`` with their values where they do not."""
     for remark in {reading.remark for reading in readings if reading.remark}:
-        note_fault(name, remark, "the value can be nothing else")
+        note_fault(name, remark, RELABELLED)
     by_source: dict[str, list[PressureReading]] = {}
     for reading in readings:
         by_source.setdefault(reading.source, []).append(reading)

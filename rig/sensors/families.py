@@ -1,6 +1,10 @@
 """What else talks on serial ports: told by how it begins, so that a message can say what is heard instead."""
 
+import contextlib
 import re
+
+from rig.errors import MessageError
+from rig.sensors.nmea_sentence import parse_sentence
 
 USUAL_BAUDS = (4800, 9600, 38400, 19200, 115200, 57600)
 LEAST_TEXT_SHARE = 0.8
@@ -41,6 +45,8 @@ def other_format(line: bytes) -> str | None:
     family = family_of(line)
     if family:
         return f"{family}: {line[:40]!r}"
+    with contextlib.suppress(MessageError):
+        return f"NMEA 0183: {parse_sentence(line).address}"
     plain = len(line) >= 3 and all(0x20 <= byte < 0x7F or byte == 0x09 for byte in line)
     if plain and not set(line) & set(b"$*!\\"):
         return f"text that is no NMEA: {line[:40]!r}"

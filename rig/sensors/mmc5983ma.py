@@ -106,10 +106,14 @@ class Mmc5983ma:
             temperature_c = decode_temperature_c(self._chip.read_register(_TOUT)[0])
         except TransientError as error:
             self._tells_temperature = False
-            note_fault(self._chip.name, f"its temperature cannot be read: {error.problem}", "the field needs none")
+            note_fault(
+                self._chip.name, f"its temperature cannot be read: {error.problem}", "the field needs none"
+            )
             return None
         if not -40.0 <= temperature_c <= 105.0:
-            note_fault(self._chip.name, f"says {temperature_c:.0f} °C of itself", "the field needs no temperature")
+            note_fault(
+                self._chip.name, f"says {temperature_c:.0f} °C of itself", "the field needs no temperature"
+            )
             return None
         return temperature_c
 

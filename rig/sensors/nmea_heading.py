@@ -123,7 +123,10 @@ def _ohpr(sentence: Sentence, at: Instant) -> HeadingReading:
 
 def _lettered(sentence: Sentence, at: Instant) -> HeadingReading:
     # Which letters follow is a setting of the compass; E is the error code of PNI's, which talk alike.
-    values = {field.rstrip("+-.0123456789"): field.lstrip("ABCDEFGHIJKLMNOPQRSTUVWXYZxyz") for field in sentence.fields}
+    values = {
+        field.rstrip("+-.0123456789"): field.lstrip("ABCDEFGHIJKLMNOPQRSTUVWXYZxyz")
+        for field in sentence.fields
+    }
     numbers = {letter: number(text) for letter, text in values.items()}
     if numbers.get("E"):
         raise NoReadingError(f"$C has the error code E{values['E']}: not to be used")
@@ -151,3 +154,4 @@ _HEADINGS: dict[str, Callable[[Sentence, Instant], HeadingReading]] = {
     "OHPR": _ohpr,
     LETTERED: _lettered,
 }
+HEADING_KINDS = frozenset(_HEADINGS)

@@ -1,7 +1,7 @@
 """Air pressure in NMEA 0183 sentences: which of several transducers it is, in which unit, and how fine.
 
-XDR is groups of type, value, unit and name, of whatever a vehicle measures; MDA has the same pressure in inches of mercury and in
-bar. Raises ``NoReadingError`` where a whole sentence has no pressure to trust.
+XDR is groups of type, value, unit and name, of whatever a vehicle measures; MDA and MMB have the same pressure in inches of mercury
+and in bar. Raises ``NoReadingError`` where a whole sentence has no pressure to trust.
 """
 
 import math
@@ -12,6 +12,7 @@ from rig.errors import NoReadingError
 from rig.readings import Instant, PressureReading
 from rig.sensors.nmea_sentence import Sentence, step_of
 
+PRESSURE_KINDS = frozenset(("XDR", "MDA", "MMB"))
 PLAUSIBLE_HPA = 300.0, 1250.0
 PLAUSIBLE_C = -90.0, 70.0
 COARSEST_FILLED_HPA = 1.0
@@ -52,12 +53,14 @@ class _Group:
         for name, hpa_per_unit in (("hPa", 1.0), ("Pa", 0.01), ("bar", 1000.0)):
             if is_air(float(self.text) * hpa_per_unit):
                 step_hpa = _step_hpa(self.text, hpa_per_unit)
-                return _Group(self.name, self.text, self.unit, float(self.text) * hpa_per_unit, step_hpa), name
+                return _Group(
+                    self.name, self.text, self.unit, float(self.text) * hpa_per_unit, step_hpa
+                ), name
         return None
 
 
 def parse_pressure(sentence: Sentence, at: Instant, transducer: str | None = None) -> PressureReading | None:
-    """The air pressure in XDR or MDA; None for any other sentence, and for an XDR of other transducers.
+    """The air pressure in XDR, MDA or MMB; None for any other sentence, and for an XDR of other transducers.
 
     ``transducer`` names the group of the XDR that is meant, or a sentence ("WIMDA"); without it a plausible one that is called
     like a barometer counts, else the first plausible one that is not called like a part of a machine.
@@ -66,7 +69,7 @@ def parse_pressure(sentence: Sentence, at: Instant, transducer: str | None = Non
     match sentence.kind:
         case "XDR":
             return _xdr(sentence, at, None if by_sentence else transducer)
-        case "MDA":
+        case "MDA" | "MMB":
             return _mda(sentence, at) if transducer is None or by_sentence else None
     return None
 
@@ -171,12 +174,7 @@ def _mda(sentence: Sentence, at: Instant) -> PressureReading:
         if value is not None and is_air(value * hpa_per_unit):
             found.append((_written_hpa(sentence.field(index), hpa_per_unit), index, value * hpa_per_unit))
     if not found:
-        said = [f"{sentence.field(i)} {unit}" for i, unit in ((0, "inches"), (2, "bar")) if sentence.field(i)]
-        raise NoReadingError(
-            f"{sentence.address} says {' and '.join(said)}: no air pressure"
-            if said
-            else f"{sentence.address} has no pressure now"
-        )
+        return _mda_relabelled(sentence, at)
     off_hpa = abs(found[0][2] - found[-1][2])
     if off_hpa > found[0][0] + found[-1][0] + MDA_AGREE_HPA:
         raise NoReadingError(
@@ -186,10 +184,34 @@ def _mda(sentence: Sentence, at: Instant) -> PressureReading:
     fine = [each for each in found if each[0] <= FINE_ENOUGH_HPA * 1.001]
     _, index, pressure_hpa = fine[0] if fine else min(found)
     step_hpa = _step_hpa(sentence.field(index), _HPA_PER_UNIT["B"] if index else _HPA_PER_INHG)
-    air_c = sentence.number_if_any(4)
-    if air_c is not None and not PLAUSIBLE_C[0] <= air_c <= PLAUSIBLE_C[1]:
-        air_c = None
-    return pressure_reading(pressure_hpa, air_c, at, resolution_hpa=step_hpa, source=sentence.address)
+    return pressure_reading(
+        pressure_hpa, _air_c(sentence), at, resolution_hpa=step_hpa, source=sentence.address
+    )
+
+
+def _mda_relabelled(sentence: Sentence, at: Instant) -> PressureReading:
+    """What stands as bar is hectopascals with some (Lambrecht's met[LOG] says so of its MMB)."""
+    pressure_hpa = sentence.number_if_any(2)
+    if pressure_hpa is None or not is_air(pressure_hpa):
+        said = [f"{sentence.field(i)} {unit}" for i, unit in ((0, "inches"), (2, "bar")) if sentence.field(i)]
+        raise NoReadingError(
+            f"{sentence.address} says {' and '.join(said)}: no air pressure"
+            if said
+            else f"{sentence.address} has no pressure now"
+        )
+    return pressure_reading(
+        pressure_hpa,
+        _air_c(sentence),
+        at,
+        resolution_hpa=_step_hpa(sentence.field(2), 1.0),
+        source=sentence.address,
+        remark=f"says {sentence.field(2)} bar: taken for hPa",
+    )
+
+
+def _air_c(sentence: Sentence) -> float | None:
+    air_c = sentence.number_if_any(4) if sentence.kind == "MDA" else None
+    return air_c if air_c is not None and PLAUSIBLE_C[0] <= air_c <= PLAUSIBLE_C[1] else None
 
 
 def _step_hpa(text: str, hpa_per_unit: float) -> float:
@@ -215,5 +237,11 @@ def pressure_reading(
     if not is_air(pressure_hpa):
         raise NoReadingError(f"{pressure_hpa:g} hPa is no air pressure")
     return PressureReading(
-        pressure_hpa, temperature_c, at.monotonic_s, at.utc, resolution_hpa=resolution_hpa, source=source, remark=remark
+        pressure_hpa,
+        temperature_c,
+        at.monotonic_s,
+        at.utc,
+        resolution_hpa=resolution_hpa,
+        source=source,
+        remark=remark,
     )

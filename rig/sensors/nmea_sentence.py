@@ -7,6 +7,7 @@ cannot trust.
 """
 
 import re
+from collections.abc import Collection
 from dataclasses import dataclass
 from dataclasses import field as dataclass_field
 
@@ -23,7 +24,19 @@ _LETTERED_BODY = re.compile(r"C[+-]?[\d.]+([A-Z][a-z]*[+-]?[\d.]+)+")
 _LETTERED_FIELD = re.compile(r"[A-Z][a-z]*[+-]?[\d.]+")
 _NUMBER = re.compile(r"[+-]?(\d{1,9}\.?\d{0,12}|\.\d{1,12})")
 _WITHOUT_TALKER = ("OHPR",)
-_COMPLETE = {"HDG": 5, "HDM": 2, "HDT": 2, "THS": 2, "PTNTHPR": 6, "OHPR": 3, "MDA": 4, LETTERED: 2}
+_COMPLETE = {
+    "HDG": 5,
+    "HDM": 2,
+    "HDT": 2,
+    "THS": 2,
+    "PTNTHPR": 6,
+    "OHPR": 3,
+    "MDA": 4,
+    "MMB": 4,
+    "VTG": 4,
+    "RMC": 8,
+    LETTERED: 2,
+}
 """So many fields are there at least, where no checksum says that none is missing."""
 
 
@@ -138,12 +151,14 @@ def _fields(body: bytes, *, sealed: bool) -> Sentence:
 
 
 class SentenceReader:
-    """``parse_sentence`` for one line after the other of the same port.
+    """``parse_sentence`` for one line after the other of the same port, for whoever is after some ``kinds`` of sentences.
 
-    A talker that has once sent a checksum with a kind of sentence sends it always: one that is missing is damage then.
+    A talker that has once sent a checksum with a sentence sends it always: one that is missing is damage then. Of other kinds
+    it does not matter.
     """
 
-    def __init__(self, *, require_checksum: bool = True) -> None:
+    def __init__(self, kinds: Collection[str], *, require_checksum: bool = True) -> None:
+        self._kinds = kinds
         self._require = require_checksum
         self._sealed: set[str] = set()
 
@@ -152,9 +167,11 @@ class SentenceReader:
         try:
             sentence = parse_sentence(line, require_checksum=self._require)
         except NoChecksumError as problem:
-            if self._sealed:
+            sentence = parse_sentence(line, require_checksum=False)
+            if sentence.address in self._sealed:
                 raise MessageError(str(problem)) from problem
-            raise
+            if sentence.kind in self._kinds:
+                raise
         if sentence.sealed:
             self._sealed.add(sentence.address)
         elif sentence.address in self._sealed:

@@ -12,7 +12,9 @@ from rig.fault_notes import note_fault
 from rig.readings import HeadingReading, Instant, PressureReading
 from rig.sensors.agreement import one_pressure_source
 from rig.sensors.families import baud_advice, family_of, is_text, other_format
-from rig.sensors.nmea import SentenceReader, parse_heading, parse_pressure
+from rig.sensors.nmea_heading import HEADING_KINDS, parse_heading
+from rig.sensors.nmea_pressure import PRESSURE_KINDS, parse_pressure
+from rig.sensors.nmea_sentence import SentenceReader
 from rig.sensors.sampling import read_for
 from rig.sensors.vaisala import SOH, parse_pa50
 
@@ -24,7 +26,7 @@ _IDLE = b"\x00\xff \t"
 """What an open line, or a program that sends C strings, puts between lines."""
 
 # A line ends with CR, LF or both; some instruments end it with zeros, or begin the next at once.
-_LINE_END = re.compile(rb"[\r\n]+|(?<=\*[0-9A-Fa-f]{2})(?:\x00+|(?=[$!]))")
+_LINE_END = re.compile(rb"[\r\n][\r\n\x00]*|(?<=\*[0-9A-Fa-f]{2})(?:\x00+|(?=[$!]))")
 
 Reading = TypeVar("Reading")
 
@@ -68,7 +70,7 @@ class LineReader:
             while end := _LINE_END.search(self._buffer):
                 line = bytes(self._buffer[: end.start()])
                 del self._buffer[: end.end()]
-                if line or self._dropping:
+                if line.strip(_IDLE) or self._dropping:
                     self._dropping = False
                     return line
             if last_try:
@@ -214,7 +216,7 @@ def nmea_compass(
 
     Raises ``DeviceError`` without a port.
     """
-    read_sentence = SentenceReader(require_checksum=require_checksum)
+    read_sentence = SentenceReader(HEADING_KINDS, require_checksum=require_checksum)
 
     def parse(line: bytes, at: Instant) -> HeadingReading | None:
         found = read_sentence(line)
@@ -228,8 +230,8 @@ def nmea_compass(
 def nmea_barometer(
     port: str, baud: int, *, require_checksum: bool = True, transducer: str | None = None
 ) -> Talker[PressureReading]:
-    """A barometer that sends XDR or MDA; the pressure of ``transducer`` alone. Raises ``DeviceError`` without a port."""
-    read_sentence = SentenceReader(require_checksum=require_checksum)
+    """A barometer that sends XDR, MDA or MMB; the pressure of ``transducer`` alone. Raises ``DeviceError`` without a port."""
+    read_sentence = SentenceReader(PRESSURE_KINDS, require_checksum=require_checksum)
     what = "XDR or MDA sentence with a pressure"
     return Talker(
         SharedPort(port, baud),
