@@ -16,7 +16,7 @@ from pathlib import Path
 OFFSET_VARIABLE = "SKYFIX_CLOCK_OFFSET"
 
 PLAUSIBLE = datetime(2025, 1, 1, tzinfo=UTC), datetime(2050, 1, 1, tzinfo=UTC)
-"""A computer without a battery begins in 1970, or where its last run or its image ended; this program is younger than the first."""
+"""A computer without a battery begins in 1970, or where its last run or its image ended; this program is younger."""
 
 
 def wall_clock() -> datetime:

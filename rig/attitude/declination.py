@@ -1,7 +1,7 @@
 """Magnetic declination: from the configuration, from the talker itself, or from the World Magnetic Model.
 
-What a talker sends is a claim: a field that has to hold something often holds 0.0, or what was set years ago and elsewhere. Where
-the place is known, the model knows better.
+What a talker sends is a claim: a field that has to hold something often holds 0.0, or what was set years ago and elsewhere.
+Where the place is known, the model knows better.
 """
 
 from dataclasses import dataclass, field
@@ -43,7 +43,7 @@ class Declination:
 def declination(
     configured_deg: float | None, sent_deg: float | None, place: Place | None, when: datetime
 ) -> Declination:
-    """The configured declination, else the variation that the talker sends where the World Magnetic Model agrees, else the model's.
+    """The configured declination, else the variation that the talker sends where the magnetic model agrees, else the model's.
 
     ``ConfigError`` where there is none of the three; a talker's 0.0 is none where no [place] shows that it is meant.
     """

@@ -64,7 +64,7 @@ def true_headings(
 ) -> TrueHeadings:
     """What the talker's headings come to.
 
-    ``ConfigError`` where they are magnetic and there is no declination, ``DeviceError`` where two of its sentences do not agree.
+    ``ConfigError`` where they are magnetic and there is no declination, ``DeviceError`` where two sentences do not agree.
     """
     read = [stop for stop in stops if stop.headings]
     raw = [list(stop.headings) for stop in read]

@@ -1,7 +1,7 @@
 """What NMEA 0183 sentences say of the vehicle's movement, and when they say nothing: VTG and RMC to speed and course.
 
-The mode indicator (NMEA 0183 2.3) and RMC's status tell how a speed came about; RMC's navigational status (4.1) does not: u-blox
-receivers always send V there, as they give none.
+The mode indicator (NMEA 0183 2.3) and RMC's status tell how a speed came about; RMC's navigational status (4.1) does not:
+u-blox receivers always send V there, as they give none.
 """
 
 from dataclasses import dataclass
@@ -34,8 +34,8 @@ class Velocity:
 def velocity_in(sentence: Sentence, *, accept_estimated: bool = False) -> Velocity | None:
     """What VTG or RMC says of the movement; None for other sentences and for those that are not a measured movement.
 
-    Not valid, manual and simulated is none; estimated is one where ``accept_estimated`` says so. ``MessageError`` for what makes
-    no sense.
+    Not valid, manual and simulated is none; estimated is one where ``accept_estimated`` says so. ``MessageError`` for what
+    makes no sense.
     """
     if sentence.kind == "VTG":
         speed_m_s, course_deg, mode = _vtg(sentence)

@@ -47,6 +47,9 @@ def other_format(line: bytes) -> str | None:
         return f"{family}: {line[:40]!r}"
     with contextlib.suppress(MessageError):
         return f"NMEA 0183: {parse_sentence(line).address}"
+    with contextlib.suppress(MessageError):
+        address = parse_sentence(bytes(byte & 0x7F for byte in line)).address
+        return f"{address} with parity bits: 8 data bits without parity are needed"
     plain = len(line) >= 3 and all(0x20 <= byte < 0x7F or byte == 0x09 for byte in line)
     if plain and not set(line) & set(b"$*!\\"):
         return f"text that is no NMEA: {line[:40]!r}"

@@ -1,7 +1,7 @@
 """Air pressure in NMEA 0183 sentences: which of several transducers it is, in which unit, and how fine.
 
-XDR is groups of type, value, unit and name, of whatever a vehicle measures; MDA and MMB have the same pressure in inches of mercury
-and in bar. Raises ``NoReadingError`` where a whole sentence has no pressure to trust.
+XDR is groups of type, value, unit and name, of whatever a vehicle measures; MDA and MMB have the same pressure in inches of
+mercury and in bar. Raises ``NoReadingError`` where a whole sentence has no pressure to trust.
 """
 
 import math

@@ -86,7 +86,7 @@ class Sentence:
 
 
 def step_of(text: str) -> float:
-    """One unit of the last digit that is not 0: 0.01 for ``0.97`` and for ``0.9700``, 100 for ``99900``; of 0, of its last one."""
+    """One unit of the last digit that is not 0: 0.01 for ``0.97`` and ``0.9700``, 100 for ``99900``; of 0, its last digit's."""
     written = text.lstrip("+-")
     whole, _, decimals = written.partition(".")
     if not (whole + decimals).strip("0"):

@@ -90,7 +90,7 @@ class _Heard:
 
     rank: int = 0
     said: str = "nothing"
-    remedy: str = "check its power, the cable and `port`"
+    remedy: str = "check its power, the cable and `port`, and that it talks at least so often"
     noise: bytes = b""
 
     def tell(self, rank: int, said: str, remedy: str) -> None:

@@ -7,9 +7,9 @@ import pytest
 
 from rig.config import (
     I2cAltimeterSection,
-    SerialAltimeterSection,
     NmeaCompassSection,
     RigConfig,
+    SerialAltimeterSection,
     config_path,
     load_config,
 )

@@ -51,8 +51,9 @@ def test_a_compass_and_a_barometer_share_one_stream(line: Line) -> None:
         speaker.join()
     compass.close()
     barometer.close()
-    assert set(found["h"]) == {238.5} and len(found["h"]) >= 5
-    assert set(found["p"]) == {1028.1} and len(found["p"]) >= 5
+    assert set(found["h"]) == {238.5}
+    assert set(found["p"]) == {1028.1}
+    assert min(len(found["h"]), len(found["p"])) >= 5
     assert not faults.all()
 
 
@@ -94,7 +95,7 @@ def test_an_unplugged_port_is_one_clear_line_for_both() -> None:
     first, second = SharedPort(line.path, 4800), SharedPort(line.path, 4800)
     line.unplug()
     for port in (first, second):
-        with pytest.raises(DeviceError, match="stopped working|no such port"):
+        with pytest.raises(DeviceError, match=r"stopped working|no such port"):
             port.read(Deadline.after(0.1))
         port.close()
 

@@ -206,7 +206,7 @@ class TestNorths:
     @pytest.mark.parametrize("other", ["TIHDM,{off},M", "GPHDT,{m},T"])
     def test_two_instruments_that_disagree_are_an_error_and_no_mean(self, other: str) -> None:
         with pytest.raises(
-            DeviceError, match="its sources do not agree: .*; choose one with .compass. sentence"
+            DeviceError, match=r"its sources do not agree: .*; choose one with .compass. sentence"
         ):
             judged(stops("HCHDM,{m},M", other))
 
