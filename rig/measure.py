@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from rig import clock
 from rig.altitude import PressureReference, metres_per_hpa, plausible_altitude_m
 from rig.attitude.accelerometer import AccelerometerCorrection
 from rig.attitude.level import HeadLevel, head_level
@@ -18,6 +19,7 @@ from rig.bus.retry import retry
 from rig.config import AltimeterSection, InclinometerSection
 from rig.connect import Altimeter, Inclinometer, Rig
 from rig.errors import DeviceError
+from rig.fault_notes import note_fault
 from rig.pan_tilt import HeadState
 
 _log = logging.getLogger(__name__)
@@ -137,6 +139,10 @@ def altitude_from(mean: MeanPressure, section: AltimeterSection) -> AltitudeRead
     rounding_m = mean.resolution_hpa / math.sqrt(12.0) * metres
     drift_m = 0.0
     if section.reference_time is not None:
+        if wrong := clock.problem(mean.utc):
+            note_fault(
+                mean.device, wrong, "the age of its reference is not known: as unsure as the weather goes"
+            )
         hours = abs((mean.utc - section.reference_time).total_seconds()) / 3600.0
         drift_m = min(section.drift_m_h * hours, MOST_DRIFT_M)
     return AltitudeReading(

@@ -4,9 +4,10 @@ A talker's fields are claims. The rig knows better: the World Magnetic Model at 
 and that a compass's deviation changes as the head turns.
 """
 
+import itertools
 import math
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import Protocol
@@ -27,6 +28,8 @@ LEAST_VARIATION_DEG = 1.0
 SOURCES_AGREE_DEG = 5.0
 NORTHS_AGREE_DEG = 2.0
 SAME_HEADING_DEG = 0.5
+APART_DEG = 3.0
+"""A compass's deviation changes by so much from one pan angle to another, and the vehicle's slope turns a heading by it."""
 ESTIMATED_SIGMA_DEG = 5.0
 MUCH_FINER = 1.5
 
@@ -70,15 +73,9 @@ def true_headings(
     raw = [list(stop.headings) for stop in read]
     raw = _without_misplaced_variation(raw, section, place, read[0].utc)
     used = _declinations(raw, section, place, read[0].utc)
-    true_deg = [
-        {
-            source: circular_mean_deg([_true_deg(each, used) for each in some])
-            for source, some in _by_source(each_stop).items()
-        }
-        for each_stop in raw
-    ]
-    raw = _without_false_north(raw, used)
-    _require_agreement(true_deg, {each.source for stop in raw for each in stop})
+    pans_deg = [stop.joints.pan_deg for stop in read]
+    raw = _without_false_north(raw, pans_deg, used)
+    _require_agreement(_means(raw, pans_deg, lambda each: _true_deg(each, used)))
     raw = _finest(raw)
     at_pans = [
         HeadingsAtPan(stop.joints.pan_deg, tuple(_true_deg(each, used) for each in headings))
@@ -195,66 +192,81 @@ def _without_misplaced_variation(
 
 
 def _without_false_north(
-    raw: list[list[HeadingReading]], used: Mapping[float | None, Declination]
+    raw: list[list[HeadingReading]], pans_deg: Sequence[float], used: Mapping[float | None, Declination]
 ) -> list[list[HeadingReading]]:
     """Without the true headings of a talker that also sends magnetic ones, where they are the same, or by another variation."""
     false: set[str] = set()
-    sources = {each.source: each.reference for headings in raw for each in headings}
-    for true_source in (name for name, reference in sources.items() if reference == "true"):
-        for source in (name for name, reference in sources.items() if reference == "magnetic"):
-            if true_source[:2] != source[:2]:
-                continue
-            turned_deg = _turned_deg(raw, true_source, source)
-            north_deg = next(
-                used[each.variation_deg].declination_deg
-                for headings in raw
-                for each in headings
-                if each.source == source
-            )
-            if turned_deg is None:
-                continue
-            is_same = abs(turned_deg) <= SAME_HEADING_DEG
-            agree_deg = LEAST_VARIATION_DEG if is_same else NORTHS_AGREE_DEG
-            if abs(wrapped_deg(turned_deg - north_deg)) <= agree_deg:
-                continue
-            what = (
-                f"sends its magnetic heading as a true one, in {true_source}"
-                if is_same
-                else f"is {turned_deg:.1f} deg from magnetic to true in {true_source}, {north_deg:.1f} are right"
-            )
-            note_fault("compass", what, f"{source} is used")
-            false.add(true_source)
+    norths = {each.source: each for headings in raw for each in headings}
+    means = _means(raw, pans_deg, lambda each: each.heading_deg)
+    for true_source, source in itertools.product(norths, norths):
+        if (norths[true_source].reference, norths[source].reference) != ("true", "magnetic"):
+            continue
+        turned = _ahead(means, true_source, source)
+        if turned is None or true_source[:2] != source[:2]:
+            continue
+        north_deg = used[norths[source].variation_deg].declination_deg
+        is_same = abs(turned.by_deg) <= SAME_HEADING_DEG + turned.loose_deg
+        agree_deg = (LEAST_VARIATION_DEG if is_same else NORTHS_AGREE_DEG) + turned.loose_deg
+        if abs(wrapped_deg(turned.by_deg - north_deg)) <= agree_deg:
+            continue
+        what = (
+            f"sends its magnetic heading as a true one, in {true_source}"
+            if is_same
+            else f"is {turned.by_deg:.1f} deg from magnetic to true in {true_source}, {north_deg:.1f} are right"
+        )
+        note_fault("compass", what, f"{source} is used")
+        false.add(true_source)
     return [[each for each in headings if each.source not in false] for headings in raw]
 
 
-def _turned_deg(raw: Sequence[Sequence[HeadingReading]], source: str, other: str) -> float | None:
-    """By how much one source is ahead of another, on the mean of the stops that have both; None where none has."""
-    differences = []
-    for headings in raw:
-        means = {
-            name: circular_mean_deg([each.heading_deg for each in some])
-            for name, some in _by_source(headings).items()
-        }
-        if source in means and other in means:
-            differences.append(wrapped_deg(means[source] - means[other]))
-    return wrapped_deg(circular_mean_deg(differences)) if differences else None
+@dataclass(frozen=True)
+class _Ahead:
+    """By how much one source is ahead of another, and how loosely that is known."""
+
+    by_deg: float
+    loose_deg: float
 
 
-def _require_agreement(true_deg: Sequence[Mapping[str, float]], left: set[str]) -> None:
+def _means(
+    raw: Sequence[Sequence[HeadingReading]],
+    pans_deg: Sequence[float],
+    value: Callable[[HeadingReading], float],
+) -> list[tuple[float, dict[str, float]]]:
+    """Each pan angle with the mean of each source there."""
+    return [
+        (
+            pan_deg,
+            {
+                source: circular_mean_deg([value(each) for each in some])
+                for source, some in _by_source(headings).items()
+            },
+        )
+        for pan_deg, headings in zip(pans_deg, raw, strict=True)
+    ]
+
+
+def _ahead(means: Sequence[tuple[float, Mapping[str, float]]], source: str, other: str) -> _Ahead | None:
+    """On the mean of the stops that have both; where none has, as slow talkers take turns, of what each says of the bow."""
+    together = [here[source] - here[other] for _, here in means if source in here and other in here]
+    if together:
+        return _Ahead(wrapped_deg(circular_mean_deg(together)), 0.0)
+    of_bow = [[here[name] - pan_deg for pan_deg, here in means if name in here] for name in (source, other)]
+    if not all(of_bow):
+        return None
+    return _Ahead(wrapped_deg(circular_mean_deg(of_bow[0]) - circular_mean_deg(of_bow[1])), APART_DEG)
+
+
+def _require_agreement(means: Sequence[tuple[float, Mapping[str, float]]]) -> None:
     """Raise ``DeviceError`` where two sources differ by more than compasses beside each other do."""
-    for first in sorted(left):
-        for second in sorted(left):
-            off_deg = [
-                wrapped_deg(means[second] - means[first])
-                for means in true_deg
-                if first < second and first in means and second in means
-            ]
-            if off_deg and abs(sum(off_deg) / len(off_deg)) > SOURCES_AGREE_DEG:
-                raise DeviceError(
-                    "compass",
-                    f"its sources do not agree: {second} is {sum(off_deg) / len(off_deg):.1f} deg off {first}",
-                    "choose one with [compass] sentence, and look at what is near the other",
-                )
+    sources = sorted({source for _, here in means for source in here})
+    for first, second in itertools.combinations(sources, 2):
+        ahead = _ahead(means, second, first)
+        if ahead and abs(ahead.by_deg) > SOURCES_AGREE_DEG + ahead.loose_deg:
+            raise DeviceError(
+                "compass",
+                f"its sources do not agree: {second} is {ahead.by_deg:.1f} deg off {first}",
+                "choose one with [compass] sentence, and look at what is near the other",
+            )
 
 
 def _finest(raw: list[list[HeadingReading]]) -> list[list[HeadingReading]]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.figure import Figure
 
+from rig import clock
 from rig.altitude import PressureReference, altitude_m, metres_per_hpa
 from rig.bus.retry import retry
 from rig.calibrate.figures import new_figure
@@ -80,6 +81,10 @@ def calibrate_altimeter(
         readings = retry(lambda: altimeter.read_many(DURATION_S))
     finally:
         altimeter.close()
+    if wrong := clock.problem(readings[-1].utc):
+        raise CalibrationError(
+            f"altimeter: {wrong}; set it first, for the time of the reference goes into the calibration"
+        )
     fit = fit_pressure(readings, known)
     document = AltimeterCalibration(
         **session.header("altimeter", device),

@@ -19,6 +19,8 @@ from rig.sensors.sampling import read_for
 from rig.sensors.vaisala import SOH, parse_pa50
 
 DEFAULT_TIMEOUT_S = 3.0
+SURVEY_S = 2.2
+"""Most weather instruments talk once a second, some every two."""
 
 _LONGEST_LINE = 512
 _RECENT_BYTES = 256
@@ -107,7 +109,8 @@ class Talker(Generic[Reading]):
 
     ``parse`` makes a reading of a line, or None of a line that is about something else, and raises
     ``MessageError`` for one that gives none. ``what`` is what is expected, for errors ("HDG, HDM ... sentence").
-    ``agreed`` takes the readings of some time, and gives those that are to be averaged.
+    ``agreed`` takes the readings of some time, and gives those that are to be averaged. The first of them are gathered for
+    ``survey_s`` at least, where the talker goes on for so long: several instruments on a line may take turns.
     """
 
     def __init__(
@@ -117,6 +120,7 @@ class Talker(Generic[Reading]):
         name: str,
         what: str,
         agreed: Callable[[str, list[Reading]], list[Reading]] = lambda name, readings: readings,
+        survey_s: float = 0.0,
     ) -> None:
         self._port = port
         self._lines = LineReader(port)
@@ -124,6 +128,7 @@ class Talker(Generic[Reading]):
         self._name = f"{name} on {port.path}"
         self._what = what
         self._agreed = agreed
+        self._survey_s = survey_s
 
     def read(self, timeout_s: float = DEFAULT_TIMEOUT_S) -> Reading:
         """The next reading to arrive whole: what came before the call is old, and thrown away.
@@ -198,7 +203,16 @@ class Talker(Generic[Reading]):
         Raises ``DeviceError`` where two of its sources do not agree.
         """
         self._lines.discard()
-        return self._agreed(self._name, read_for(lambda: self._next(DEFAULT_TIMEOUT_S), duration_s))
+        survey = Deadline.after(self._survey_s)
+        readings = read_for(lambda: self._next(DEFAULT_TIMEOUT_S), duration_s)
+        while not survey.expired:
+            try:
+                readings.append(self._next(survey.remaining_s))
+            except TransientError:
+                break
+        agreed = self._agreed(self._name, readings)
+        self._survey_s = 0.0
+        return agreed
 
     def identify(self) -> str:
         """What it is and where."""
@@ -239,6 +253,7 @@ def nmea_barometer(
         "NMEA barometer",
         what if transducer is None else f"{what} of {transducer}",
         one_pressure_source,
+        SURVEY_S,
     )
 
 

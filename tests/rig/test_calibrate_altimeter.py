@@ -8,6 +8,7 @@ import pytest
 from rig.calibrate.altimeter import KnownAltitude, fit_pressure
 from rig.calibration import CalibrationError
 from rig.config import I2cAltimeterSection, SerialAltimeterSection
+from rig.fault_notes import collecting
 from rig.measure import MeanPressure, altitude_from
 from rig.readings import Instant, PressureReading
 from rig.sensors.nmea import parse_pressure, parse_sentence
@@ -66,3 +67,16 @@ def test_the_step_of_what_a_talker_sends_is_in_the_sigma() -> None:
     assert fine.sigma_m == pytest.approx(5.0, abs=0.02)
     fit = fit_pressure([reading] * 4, KnownAltitude(360.0, 1.0))
     assert fit.sigma_m == pytest.approx(25.0, abs=1.0), "a reference of such steps is no better"
+
+
+def test_a_clock_that_is_wrong_leaves_the_altitude_as_unsure_as_the_weather() -> None:
+    section = I2cAltimeterSection(
+        kind="bmp390", bus="/dev/i2c-1", address=0x76, reference_pressure_hpa=954.6, reference_altitude_m=500.0,
+        sigma_m=1.5, reference_time=NOON, drift_m_h=4.0,
+    )  # fmt: skip
+    with collecting() as faults:
+        read = altitude_from(
+            MeanPressure("b", datetime(1970, 1, 1, 0, 2, tzinfo=UTC), 954.6, 0.0, 20.0, 10), section
+        )
+    assert read.sigma_m == pytest.approx(150.0, abs=0.1)
+    assert [note.problem for note in faults.all()] == ["the computer's clock says 1970-01-01 00:02 UTC"]

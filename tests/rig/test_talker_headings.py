@@ -210,6 +210,23 @@ class TestNorths:
         ):
             judged(stops("HCHDM,{m},M", other))
 
+    @pytest.mark.parametrize(
+        ("other", "said"), [("HCHDT,{m},T", "sends its magnetic"), ("TIHDM,{off},M", None)]
+    )
+    def test_talkers_that_take_turns_are_compared_too(self, other: str, said: str | None) -> None:
+        """One sentence at each stop, as of talkers that are slower than the head."""
+        given = [
+            replace(stop, headings=stop.headings[number % 2 : number % 2 + 1])
+            for number, stop in enumerate(stops("HCHDM,{m},M", other))
+        ]
+        if said is None:
+            with pytest.raises(DeviceError, match="its sources do not agree"):
+                judged(given)
+            return
+        found, problems = judged(given)
+        require_true(found)
+        assert said in problems[0]
+
     def test_a_coarse_source_does_not_spoil_a_fine_one(self) -> None:
         found, _ = judged(stops("HCHDM,{m},M", "TIHDM,{whole},M"))
         assert len(ahead_deg(found)) == 4

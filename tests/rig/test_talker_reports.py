@@ -38,6 +38,12 @@ def line() -> Iterator[Line]:
     line.unplug()
 
 
+@pytest.fixture(autouse=True)
+def in_haste(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No time to find out who talks on the line."""
+    monkeypatch.setattr(talker, "SURVEY_S", 0.0)
+
+
 @pytest.fixture
 def hear(line: Line, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Any]]:
     """Plays bytes to a driver: ``hear(nmea_compass, data, key=...)`` gives its readings."""
@@ -348,6 +354,16 @@ class TestBarometer:
         line.say_soon(*[sealed("WIXDR,P,0.9687,B,Barometer", "IIXDR,P,0.9537,B,BARO2")] * 4)
         with pytest.raises(DeviceError, match=r"WIXDR Barometer 968\.7 hPa and IIXDR BARO2 953\.7 hPa; name"):
             barometer.read_many(0.05)
+        barometer.close()
+
+    def test_two_that_take_turns_are_heard_both(self, line: Line, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(talker, "SURVEY_S", 1.0)
+        barometer = nmea_barometer(line.path, 4800)
+        line.say_soon(
+            *[sealed("WIXDR,P,0.9687,B,Barometer"), sealed("IIXDR,P,0.9537,B,BARO2")] * 2, every_s=0.4
+        )
+        with pytest.raises(DeviceError, match="its sources do not agree"):
+            barometer.read_many(0.1)
         barometer.close()
 
     def test_of_two_that_agree_the_finer_one_counts(self, line: Line) -> None:
