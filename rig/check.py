@@ -121,7 +121,7 @@ def check_inclinometer(section: InclinometerSection) -> DeviceCheck:
             f"tilt {level.tilt_deg:z.3f}, roll {level.roll_deg:z.3f} deg",
             f"{noise_deg:.4f} deg in {section.average_s:g} s",
             (),
-            (temperature_c,),
+            (temperature_c,) if math.isfinite(temperature_c) else (),
             shaky if noise_deg > LEVEL_NOISE_LIMIT_DEG else None,
         )
 

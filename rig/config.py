@@ -383,7 +383,7 @@ class RigConfig(Section):
                     f"[capture] base_attitude_pan_angles_deg: pan {angle_deg:g}, tilt 0 lies in the keep-out zone "
                     f"{described(zone)}"
                 )
-        _require_shareable_ports(self)
+        _require_one_baud(self)
         if (
             isinstance(self.compass, Mmc5983maSection)
             and self.compass.declination_deg is None
@@ -396,24 +396,12 @@ class RigConfig(Section):
         return self
 
 
-def _require_shareable_ports(config: RigConfig) -> None:
-    """Talkers may share a port, at one baud rate; servos and an autopilot need one of their own."""
-    talkers = {
-        name: section
-        for name, section in (("compass", config.compass), ("altimeter", config.altimeter))
-        if isinstance(section, NmeaCompassSection | SerialAltimeterSection)
-    }
-    alone = {"pan_tilt": config.pan_tilt.port}
-    if config.run and config.run.mavlink:
-        alone["run.mavlink"] = config.run.mavlink.connection
-    for name, port in alone.items():
-        for other, path in {**{n: t.port for n, t in talkers.items()}, **alone}.items():
-            if other != name and path == port:
-                raise ValueError(
-                    f"[{name}] and [{other}] have the same port {port}: only compass and altimeter can share one"
-                )
-    bauds = {section.baud for section in talkers.values()}
-    if len({section.port for section in talkers.values()}) < len(talkers) and len(bauds) > 1:
+def _require_one_baud(config: RigConfig) -> None:
+    """Compass and altimeter may be one serial stream, which has one rate."""
+    compass, altimeter = config.compass, config.altimeter
+    if not (isinstance(compass, NmeaCompassSection) and isinstance(altimeter, SerialAltimeterSection)):
+        return
+    if compass.port == altimeter.port and compass.baud != altimeter.baud:
         raise ValueError(
             "[compass] and [altimeter] share a port and have another baud each; give both the same"
         )

@@ -117,10 +117,6 @@ def test_two_talkers_may_share_a_port(tmp_path: Path) -> None:
             talkers(baud=9600),
             "[compass] and [altimeter] share a port and have another baud each; give both the same",
         ),
-        (
-            talkers(compass="/dev/serial/by-id/usb-FTDI_USB__-__Serial_Converter_FT000000-if00-port0"),
-            "only compass and altimeter can share one",
-        ),
         (talkers(kind="vaisala-pa50", keys='transducer = "X"'), "are for kind nmea, not for vaisala-pa50"),
     ],
 )
