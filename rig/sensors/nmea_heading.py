@@ -76,7 +76,7 @@ def _east(sentence: Sentence, index: int) -> float | None:
     angle_deg = sentence.optional_number(index)
     if angle_deg is None:
         return None
-    side = sentence.field(index + 1)
+    side = sentence.field(index + 1).upper()
     if side not in ("E", "W"):
         raise NoReadingError(f"{sentence.address} has {side!r} in field {index + 2} instead of E or W")
     return angle_deg if side == "E" else -angle_deg

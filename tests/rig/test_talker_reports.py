@@ -2,18 +2,23 @@
 
 import re
 from collections.abc import Callable, Iterator
+from datetime import UTC, datetime
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import pytest
 from fakes.line import Line
+from hypothesis import given
+from hypothesis import strategies as st
 
-from rig.errors import DeviceError, TransientError
+from rig.bus.deadline import Deadline
+from rig.errors import DeviceError, MessageError, TransientError
 from rig.fault_notes import collecting
-from rig.readings import HeadingReading, PressureReading
+from rig.readings import HeadingReading, Instant, PressureReading
 from rig.sensors import talker
-from rig.sensors.nmea import checksum
-from rig.sensors.talker import Talker, nmea_barometer, nmea_compass, vaisala_pa50
+from rig.sensors.nmea import checksum, parse_heading, parse_pressure, parse_sentence
+from rig.sensors.talker import LineReader, Talker, nmea_barometer, nmea_compass, vaisala_pa50
 
 REPORTS = Path(__file__).parents[1] / "logs" / "nmea"
 SOON_S = 0.25
@@ -380,6 +385,75 @@ class TestBarometer:
         for body in ("WIXDR,P,,B,Barometer", "WIMDA,,I,,B,18.8,C", "WIMMB,,I,,B"):
             with pytest.raises(TransientError, match=r"has no pressure now; wait until"):
                 hear(nmea_barometer, sealed(body))
+
+
+class Chunks:
+    """A port that gives one chunk after the other."""
+
+    path, baud = "chunks", 4800
+
+    def __init__(self, chunks: list[bytes]) -> None:
+        self.chunks = chunks
+
+    def read(self, deadline: Deadline) -> bytes:
+        return self.chunks.pop(0) if self.chunks else b""
+
+    def discard_input(self) -> None: ...
+    def close(self) -> None: ...
+
+
+stream_parts = st.sampled_from(
+    [b"$HCHDM,237.5,M*2A", b"\r", b"\n", b"\x00", b"\xff\x80", b"!AIVDM,1*2A", b"\\s:HC01*3C\\", b"x", b"*"]
+)
+
+
+@given(st.lists(stream_parts, max_size=25).map(b"".join), st.lists(st.integers(0, 400), max_size=12))
+def test_lines_are_the_same_however_they_arrive(stream: bytes, cuts: list[int]) -> None:
+    ends = sorted({min(cut, len(stream)) for cut in cuts} | {len(stream)})
+    chunks = [stream[a:b] for a, b in pairwise([0, *ends])]
+
+    def lines(chunks: list[bytes]) -> list[bytes]:
+        port = Chunks([*chunks, b"\r\n"])
+        reader, found = LineReader(port), []
+        while port.chunks:
+            while (line := reader.read_line(Deadline.after(0.0))) is not None:
+                found.append(line.strip(b"\x00\xff"))
+        return found
+
+    assert lines(chunks) == lines([stream])
+
+
+@given(
+    st.sampled_from(["WIXDR", "WIMDA", "WIMMB", "HCHDG", "HCHDT", "GPTHS", "OHPR", "PTNTHPR"]),
+    st.lists(
+        st.sampled_from(["P", "B", "H", "C", "K", "", "0.97", "1013.25", "-1", "XXX", "E", "T", "BARO", "N"])
+    ),
+    st.booleans(),
+)
+def test_any_fields_give_a_reading_that_can_be_or_a_message_error(
+    address: str, fields: list[str], with_checksum: bool
+) -> None:
+    line = sealed(",".join([address, *fields]))
+    if not with_checksum:
+        line = line.partition(b"*")[0]
+    at = Instant(0.0, datetime(2026, 11, 26, tzinfo=UTC))
+    try:
+        found = parse_sentence(line, require_checksum=with_checksum)
+        heading, pressure = parse_heading(found, at), parse_pressure(found, at)
+    except MessageError:
+        return
+    assert heading is None or (0.0 <= heading.heading_deg < 360.0 and 0.0 < heading.resolution_deg <= 1.0)
+    assert pressure is None or (300.0 <= pressure.pressure_hpa <= 1250.0 and pressure.resolution_hpa > 0.0)
+
+
+@given(st.text("CPRTEMxyz0123456789.+-", max_size=40))
+def test_any_letters_and_numbers_give_a_heading_or_a_message_error(body: str) -> None:
+    at = Instant(0.0, datetime(2026, 11, 26, tzinfo=UTC))
+    try:
+        found = parse_heading(parse_sentence(sealed("C" + body)), at)
+    except MessageError:
+        return
+    assert found is None or 0.0 <= found.heading_deg < 360.0
 
 
 def test_each_report_is_played() -> None:
