@@ -6,6 +6,7 @@ Where the place is known, the model knows better.
 
 from dataclasses import dataclass, field
 from datetime import datetime
+from typing import Any
 
 from rig.attitude.kinematics import wrapped_deg
 from rig.attitude.magnetic_model import model_field
@@ -33,6 +34,12 @@ class Declination:
     sigma_deg: float = field(default=0.0, compare=False)
     doubt: str | None = field(default=None, compare=False)
     action: str = field(default="", compare=False)
+
+    def record(self) -> dict[str, Any]:
+        """As JSON values, without what there is nothing to be said of."""
+        doubted = {"doubt": self.doubt, "action": self.action} if self.doubt else {}
+        unsure = {"sigma_deg": self.sigma_deg} if self.sigma_deg else {}
+        return {"declination_deg": self.declination_deg, "source": self.source, **unsure, **doubted}
 
     def note(self) -> None:
         """Note the doubt as a fault that was overcome, where there is one."""

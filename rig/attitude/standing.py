@@ -118,7 +118,12 @@ def standing_from(
         level,
         heading,
         {"compass": compass, "stops": [stop_record(stop) for stop in stops]},
-        {"level": asdict(level), "heading": asdict(heading), "compass": details},
+        {
+            "level": asdict(level),
+            "heading": asdict(heading)
+            | {"declination": heading.declination.record() if heading.declination else None},
+            "compass": details,
+        },
         tuple(stops),
     )
 
