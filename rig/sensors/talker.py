@@ -21,6 +21,8 @@ from rig.sensors.vaisala import SOH, parse_pa50
 DEFAULT_TIMEOUT_S = 3.0
 SURVEY_S = 2.2
 """Most weather instruments talk once a second, some every two."""
+COMPASS_SURVEY_S = 1.2
+"""A compass talks at least once a second, and the head waits for it."""
 
 _LONGEST_LINE = 512
 _RECENT_BYTES = 256
@@ -203,7 +205,7 @@ class Talker(Generic[Reading]):
         Raises ``DeviceError`` where two of its sources do not agree.
         """
         self._lines.discard()
-        survey = Deadline.after(self._survey_s)
+        survey = Deadline.after(self._survey_s if duration_s > 0.0 else 0.0)  # one reading alone is no mean
         readings = read_for(lambda: self._next(DEFAULT_TIMEOUT_S), duration_s)
         while not survey.expired:
             try:
@@ -211,7 +213,8 @@ class Talker(Generic[Reading]):
             except TransientError:
                 break
         agreed = self._agreed(self._name, readings)
-        self._survey_s = 0.0
+        if duration_s > 0.0:
+            self._survey_s = 0.0
         return agreed
 
     def identify(self) -> str:
@@ -238,7 +241,7 @@ def nmea_compass(
         return parse_heading(found, at) if wanted else None
 
     what = "HDG, HDM, HDT, THS, PTNTHPR or OHPR sentence" if sentence is None else f"{sentence} sentence"
-    return Talker(SharedPort(port, baud), parse, "NMEA compass", what)
+    return Talker(SharedPort(port, baud), parse, "NMEA compass", what, survey_s=COMPASS_SURVEY_S)
 
 
 def nmea_barometer(

@@ -47,6 +47,7 @@ def line() -> Iterator[Line]:
 def in_haste(monkeypatch: pytest.MonkeyPatch) -> None:
     """No time to find out who talks on the line."""
     monkeypatch.setattr(talker, "SURVEY_S", 0.0)
+    monkeypatch.setattr(talker, "COMPASS_SURVEY_S", 0.0)
 
 
 @pytest.fixture
@@ -182,6 +183,15 @@ class TestCompass:
         assert len(hear(nmea_compass, short)) == 1
         with pytest.raises(TransientError, match="damaged"):
             hear(nmea_compass, b"$HCHDM,237.5,M*2\r\n")
+
+    def test_a_second_compass_is_heard_however_short_the_first_reading(
+        self, line: Line, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(talker, "COMPASS_SURVEY_S", 0.5)
+        compass = nmea_compass(line.path, 4800)
+        line.say_soon(*[sealed("HCHDM,10.0,M", "TIHDM,30.0,M")] * 3, every_s=0.15)
+        assert {reading.source for reading in compass.read_many(0.01)} == {"HCHDM", "TIHDM"}
+        compass.close()
 
     def test_one_sentence_can_be_chosen(self, hear: Callable[..., Any]) -> None:
         both = sealed("HCHDG,10.0,,,3.0,E", "GPHDT,50.0,T")
