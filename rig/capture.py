@@ -92,6 +92,9 @@ def capture(
     report.doing("connecting")
     try:
         with collecting() as faults:
+            if wrong := clock.problem():
+                note_fault("wall clock", wrong, "times in this bundle are as wrong; the measurement is not")
+                report.done(f"{wrong}: times in this bundle are as wrong; set it")
             with connect(config, spare=spare) as rig:
                 measurement = (
                     measure_and_park(rig, directions, report) if park else measure(rig, directions, report)
@@ -153,6 +156,9 @@ def measure(rig: Rig, directions: Sequence[Direction], report: Reporter) -> Meas
     if altitude:
         feed.publish(altitude)
     report.done(_standing_line(standing, altitude))
+    north = standing.heading.declination
+    if north and north.doubt:
+        report.done(f"compass: {north.doubt}: {north.action}")
     head = Head.from_config(rig.config)
     found: dict[str, derive.Shot] = {}
     for direction in in_passing(directions, standing.attitude, head, rig.pan_tilt.state().pan_deg):

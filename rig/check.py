@@ -5,15 +5,21 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
+from rig.attitude.magnetic_model import date_problem
+from rig.attitude.talker_headings import heading_doubts
 from rig.bus import sysfs
 from rig.bus.retry import retry
+from rig.bus.serial_port import MOST_LATENCY_MS
 from rig.camera import Camera
 from rig.check_compass import field_check, heading_check
 from rig.check_row import DeviceCheck
+from rig.clock import problem as clock_problem
+from rig.clock import wall_clock
 from rig.config import (
     AltimeterSection,
     CameraSection,
@@ -27,8 +33,10 @@ from rig.config import (
 from rig.connect import open_altimeter, open_compass, open_inclinometer, open_pan_tilt
 from rig.dynamixel.scan import scan_hint
 from rig.errors import RigError, TransientError
-from rig.measure import read_altitude, read_level
+from rig.fault_notes import collecting
+from rig.measure import read_altitude, read_level, utc_text
 from rig.readings import FieldReading, HeadingReading
+from rig.sensors.agreement import RELABELLED
 
 LEVEL_NOISE_LIMIT_DEG = 0.005
 SERVO_NOISE_LIMIT_DEG = 0.3
@@ -36,7 +44,6 @@ SERVO_NOISE_LIMIT_DEG = 0.3
 PRESSURE_NOISE_LIMIT_HPA = 0.3
 """2.5 m of altitude."""
 CAMERA_NOISE_LIMIT = 20.0
-SLOW_ANSWER_MS = 8
 READING_S = 0.5
 SERVO_STATES = 10
 DARK, BRIGHT = 3.0, 252.0
@@ -54,7 +61,17 @@ def check_devices(config: RigConfig) -> list[DeviceCheck]:
         checks.append(("altimeter", partial(check_altimeter, config.altimeter)))
     checks.append(("camera", partial(check_camera, config.camera)))
     with ThreadPoolExecutor(len(checks)) as pool:
-        return list(pool.map(lambda check: _guarded(*check), checks))
+        return [*pool.map(lambda check: _guarded(*check), checks), *check_clock()]
+
+
+def check_clock() -> list[DeviceCheck]:
+    """The computer's clock, where it cannot be right or is beyond what the magnetic model knows; nothing where it is well."""
+    now = wall_clock()
+    wrong = clock_problem(now) or date_problem(now)
+    if wrong is None:
+        return []
+    remedy = "set it: from a GPS, the network or by hand (timedatectl), and give the computer a battery-backed clock"
+    return [DeviceCheck("clock", "computer's clock", utc_text(now), "", (), (), f"{wrong}; {remedy}")]
 
 
 def check_pan_tilt(section: PanTiltSection) -> DeviceCheck:
@@ -96,7 +113,7 @@ def check_pan_tilt(section: PanTiltSection) -> DeviceCheck:
 
 def _latency_hints(port: str) -> Sequence[str]:
     latency_ms = sysfs.serial_latency_ms(port)
-    if latency_ms is None or latency_ms < SLOW_ANSWER_MS:
+    if latency_ms is None or latency_ms <= MOST_LATENCY_MS:
         return ()
     file = sysfs.serial_latency_file(port)
     return (
@@ -120,7 +137,7 @@ def check_inclinometer(section: InclinometerSection) -> DeviceCheck:
             f"tilt {level.tilt_deg:z.3f}, roll {level.roll_deg:z.3f} deg",
             f"{noise_deg:.4f} deg in {section.average_s:g} s",
             (),
-            (temperature_c,),
+            (temperature_c,) if math.isfinite(temperature_c) else (),
             shaky if noise_deg > LEVEL_NOISE_LIMIT_DEG else None,
             {
                 "tilt_deg": level.tilt_deg,
@@ -132,20 +149,26 @@ def check_inclinometer(section: InclinometerSection) -> DeviceCheck:
 
 
 def check_compass(section: CompassSection, place: Place | None = None) -> DeviceCheck:
-    """Field or heading over half a second."""
+    """Field or heading over half a second; of a talker also whether a true heading can be had from what it sends."""
     with closing(open_compass(section)) as compass:
         readings = retry(partial(compass.read_many, READING_S))
         fields = [reading for reading in readings if isinstance(reading, FieldReading)]
         headings = [reading for reading in readings if isinstance(reading, HeadingReading)]
         if isinstance(section, Mmc5983maSection):
             return field_check(compass.identify(), fields, section)
-        return heading_check(compass.identify(), headings, section, place)
+        found = heading_check(compass.identify(), headings, section, place)
+        if not found.ok:
+            return found
+        doubts = heading_doubts(headings, section, place)
+        return replace(found, reading="; ".join([found.reading, *doubts]))
 
 
 def check_altimeter(section: AltimeterSection) -> DeviceCheck:
     """Pressure, and the altitude that it means."""
     with closing(open_altimeter(section)) as barometer:
-        altitude = read_altitude(barometer, section)
+        with collecting() as faults:
+            altitude = read_altitude(barometer, section)
+        put_right = [note.problem for note in faults.all() if note.action == RELABELLED]
         temperature_c = altitude.raw["temperature_c"]
         pressure_hpa, scatter_hpa = altitude.raw["pressure_hpa"], altitude.raw["pressure_scatter_hpa"]
         restless = (
@@ -155,7 +178,7 @@ def check_altimeter(section: AltimeterSection) -> DeviceCheck:
         return DeviceCheck(
             "altimeter",
             barometer.identify(),
-            f"{pressure_hpa:.2f} hPa, {altitude.altitude_m:.1f} m",
+            "; ".join([f"{pressure_hpa:.2f} hPa, {altitude.altitude_m:.1f} m", *put_right]),
             f"{scatter_hpa:.3f} hPa",
             (),
             () if temperature_c is None else (temperature_c,),

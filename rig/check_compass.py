@@ -41,7 +41,7 @@ def field_check(identity: str, fields: Sequence[FieldReading], section: Mmc5983m
         f"{total_ut:.1f} uT (right {x_ut:.1f}, ahead {y_ut:.1f}, up {z_ut:.1f})",
         f"{noise_ut:.3f} uT",
         (),
-        (fields[-1].temperature_c,),
+        tuple(each.temperature_c for each in fields[-1:] if each.temperature_c is not None),
         problem,
         {
             "field_ut": total_ut,

@@ -224,11 +224,13 @@ class Mmc5983maSection(Section):
 
 
 class NmeaCompassSection(Section):
-    """``[compass]`` with ``kind = "nmea"``: a serial talker; HDG, HDM, HDT, THS, PTNTHPR or OHPR."""
+    """``[compass]`` with ``kind = "nmea"``: a serial talker; HDG, HDM, HDT, THS, PTNTHPR, OHPR or OceanServer's $C."""
 
     kind: Literal["nmea"]
     port: Port
     baud: Baud = 4800
+    require_checksum: bool = True
+    sentence: Annotated[str, Field(min_length=2)] | None = None
     declination_deg: Annotated[float, Field(ge=-180.0, le=180.0)] | None = None
     azimuth_bias_sigma_deg: Positive = 1.0
     heading_offset_deg: HeadingOffset = 0.0
@@ -257,6 +259,14 @@ class SerialAltimeterSection(_AltimeterSection):
     kind: Literal["nmea", "vaisala-pa50"]
     port: Port
     baud: Baud = 4800
+    require_checksum: bool = True
+    transducer: Annotated[str, Field(min_length=1)] | None = None
+
+    @model_validator(mode="after")
+    def _transducers_are_of_nmea(self) -> Self:
+        if self.kind != "nmea" and (self.transducer is not None or not self.require_checksum):
+            raise ValueError(f"transducer and require_checksum are for kind nmea, not for {self.kind}")
+        return self
 
 
 CompassSection = Mmc5983maSection | NmeaCompassSection

@@ -47,13 +47,19 @@ def _serial_ports(config: "RigConfig") -> Iterator[str]:
         wishes.append(_Wish("[run.mavlink] connection", os.path.realpath(port), port))
     for first, second in _same(wishes):
         if {first.key, second.key} == {"[compass] port", "[altimeter] port"}:
-            continue  # one talker may say both
+            if config.compass and config.altimeter and _baud(config.compass) != _baud(config.altimeter):
+                yield "[compass] and [altimeter] share a port and have another baud each; give both the same"
+            continue  # one stream may carry both
         only = (
             "a servo bus is shared with nothing"
             if "pan_tilt" in first.key
             else "a talker's line is shared with no other program's"
         )
         yield f"{first.key} and {second.key} are the same port, {_both(first, second)}: {only}; give each its own"
+
+
+def _baud(section: object) -> int | None:
+    return getattr(section, "baud", None)
 
 
 def _chips(config: "RigConfig") -> Iterator[str]:

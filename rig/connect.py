@@ -61,7 +61,15 @@ def open_compass(section: CompassSection) -> Compass:
     """The magnetometer chip or the talker."""
     if isinstance(section, Mmc5983maSection):
         return Reviving(partial(open_chip, Mmc5983ma, section.bus, section.address))
-    return Reviving(partial(nmea_compass, section.port, section.baud))
+    return Reviving(
+        partial(
+            nmea_compass,
+            section.port,
+            section.baud,
+            require_checksum=section.require_checksum,
+            sentence=section.sentence,
+        )
+    )
 
 
 def open_altimeter(section: AltimeterSection) -> Altimeter:
@@ -71,7 +79,15 @@ def open_altimeter(section: AltimeterSection) -> Altimeter:
             return Reviving(partial(open_chip, Ms5611, section.bus, section.address))
         return Reviving(partial(open_chip, partial(Bmp3, model=section.kind), section.bus, section.address))
     if section.kind == "nmea":
-        return Reviving(partial(nmea_barometer, section.port, section.baud))
+        return Reviving(
+            partial(
+                nmea_barometer,
+                section.port,
+                section.baud,
+                require_checksum=section.require_checksum,
+                transducer=section.transducer,
+            )
+        )
     return Reviving(partial(vaisala_pa50, section.port, section.baud))
 
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from rig import clock
 from rig.altitude import PressureReference, metres_per_hpa, plausible_altitude_m
 from rig.attitude.accelerometer import AccelerometerCorrection
 from rig.attitude.level import HeadLevel, head_level
@@ -19,6 +20,7 @@ from rig.bus.retry import retry
 from rig.config import AltimeterSection, InclinometerSection
 from rig.connect import Altimeter, Inclinometer, Rig
 from rig.errors import DeviceError
+from rig.fault_notes import note_fault
 from rig.pan_tilt import HeadState
 
 _log = logging.getLogger(__name__)
@@ -50,6 +52,9 @@ class MeanPressure:
     pressure_scatter_hpa: float
     temperature_c: float | None
     readings: int
+    resolution_hpa: float = 0.0
+    """One unit of the last digit that a talker sends: rounding does not average out."""
+    source: str = ""
 
 
 def still_level(rig: Rig, duration_s: float) -> tuple[HeadLevel, float]:
@@ -125,6 +130,8 @@ def read_pressure(altimeter: Altimeter, duration_s: float) -> MeanPressure:
         float(pressures_hpa.std()),
         readings[-1].temperature_c,
         len(readings),
+        min(reading.resolution_hpa for reading in readings),
+        readings[-1].source,
     )
 
 
@@ -150,16 +157,20 @@ def altitude_from(mean: MeanPressure, section: AltimeterSection) -> AltitudeRead
     reference = PressureReference(
         section.reference_pressure_hpa, section.reference_altitude_m, section.reference_temperature_c
     )
-    noise_m = (
-        mean.pressure_scatter_hpa / math.sqrt(mean.readings) * metres_per_hpa(mean.pressure_hpa, reference)
-    )
+    metres = metres_per_hpa(mean.pressure_hpa, reference)
+    noise_m = mean.pressure_scatter_hpa / math.sqrt(mean.readings) * metres
+    rounding_m = mean.resolution_hpa / math.sqrt(12.0) * metres
     drift_m = 0.0
     if section.reference_time is not None:
+        if wrong := clock.problem(mean.utc):
+            note_fault(
+                mean.device, wrong, "the age of its reference is not known: as unsure as the weather goes"
+            )
         hours = abs((mean.utc - section.reference_time).total_seconds()) / 3600.0
         drift_m = min(section.drift_m_h * hours, MOST_DRIFT_M)
     return AltitudeReading(
         plausible_altitude_m(mean.pressure_hpa, reference, mean.device),
-        math.hypot(section.sigma_m, noise_m, drift_m),
+        math.hypot(section.sigma_m, noise_m, rounding_m, drift_m),
         mean.utc,
         {
             "device": mean.device,
@@ -168,6 +179,8 @@ def altitude_from(mean: MeanPressure, section: AltimeterSection) -> AltitudeRead
             "pressure_scatter_hpa": mean.pressure_scatter_hpa,
             "temperature_c": mean.temperature_c,
             "readings": mean.readings,
+            "resolution_hpa": mean.resolution_hpa,
+            "source": mean.source,
         },
     )
 

@@ -14,6 +14,7 @@ from sim.devices.i2c_chip import PoweredChip
 from sim.devices.iis2iclx import Iis2iclx
 from sim.devices.mmc5983ma import Mmc5983ma
 from sim.devices.ms5611 import Ms5611
+from sim.devices.talker_quirks import BAROMETER_QUIRKS, COMPASS_QUIRKS
 from sim.devices.talkers import BAROMETERS, COMPASSES, Air, Heading, Talker
 from sim.mechanics import JointState
 from sim.world import World
@@ -115,7 +116,7 @@ def compass(world: World, head: HeadNow, clock: Clock) -> FittedChip | FittedTal
 
 def _compass_talker(world: World, head: HeadNow, rng: np.random.Generator) -> FittedTalker:
     wanted = world.scenario.compass
-    say = COMPASSES[wanted.kind]
+    say = COMPASS_QUIRKS[wanted.quirk] if wanted.quirk else COMPASSES[wanted.kind]
 
     def message() -> bytes:
         state = head()
@@ -135,8 +136,10 @@ def _compass_talker(world: World, head: HeadNow, rng: np.random.Generator) -> Fi
     return FittedTalker(talker, {"kind": "nmea", "baud": TALKER_BAUD})
 
 
-def altimeter(world: World, clock: Clock) -> FittedChip | FittedTalker:
-    """The barometer: a chip, or a talker."""
+def altimeter(
+    world: World, clock: Clock, compass: FittedChip | FittedTalker | None = None
+) -> FittedChip | FittedTalker:
+    """The barometer: a chip, or a talker, on the port of the ``compass`` where the scenario has one stream for both."""
     wanted, rng = world.scenario.altimeter, world.rng("altimeter noise")
 
     def pressure_hpa() -> float:
@@ -149,11 +152,14 @@ def altimeter(world: World, clock: Clock) -> FittedChip | FittedTalker:
         return world.air_temperature_c + SELF_HEATING_C
 
     if wanted.kind in BAROMETERS:
-        say = BAROMETERS[wanted.kind]
+        say = BAROMETER_QUIRKS[wanted.quirk] if wanted.quirk else BAROMETERS[wanted.kind]
         talker = Talker(
             lambda: say(Air(pressure_hpa() + rng.normal(0.0, wanted.noise_hpa), world.air_temperature_c)),
             rate_hz=BAROMETER_RATE_HZ,
             baud=TALKER_BAUD,
+            port=compass.talker.port
+            if wanted.on_compass_port and isinstance(compass, FittedTalker)
+            else None,
         )
         kind = wanted.kind if wanted.kind == "vaisala-pa50" else "nmea"
         return FittedTalker(talker, {"kind": kind, "baud": TALKER_BAUD})

@@ -173,14 +173,13 @@ def simulated_rig(
         servo_bus.serve(servo_port)
 
         inclinometer = fitted_sensors.inclinometer(world, head, clock)
-        others = {
-            "compass": fitted_sensors.compass(world, head, clock),
-            "altimeter": fitted_sensors.altimeter(world, clock),
-        }
+        compass = fitted_sensors.compass(world, head, clock)
+        others = {"compass": compass, "altimeter": fitted_sensors.altimeter(world, clock, compass)}
         talkers = {name: fitted.talker for name, fitted in others.items() if isinstance(fitted, FittedTalker)}
         for name, talker in talkers.items():
             running.callback(talker.close)
-            talker.port.keep_name(by_id / f"usb-{name}-if00-port0")
+            if talker.has_own_port:
+                talker.port.keep_name(by_id / f"usb-{name}-if00-port0")
         chips = {
             name: (fitted.bus, FaultyChip(fitted.chip, world.rng(f"{name} faults")))
             for name, fitted in {"inclinometer": inclinometer, **others}.items()

@@ -11,8 +11,17 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from sim.errors import SimulationError
 
 InclinometerChip = Literal["adxl355", "iis2iclx"]
-CompassKind = Literal["mmc5983ma", "hdg", "hdm", "hdt", "ths", "ptnthpr", "ohpr"]
+CompassKind = Literal["mmc5983ma", "hdg", "hdm", "hdt", "ths", "ptnthpr", "ohpr", "os5000"]
 AltimeterKind = Literal["bmp390", "bmp388", "ms5611", "xdr", "mda", "vaisala-pa50"]
+CompassQuirk = Literal[
+    "variation-zero", "variation-as-deviation", "variation-twice", "magnetic-as-true", "true-marked-magnetic", "no-value",
+    "manual", "no-checksum", "carriage-return", "zero-byte", "tagged", "whole-degrees", "two-compasses", "hdg-and-hdm",
+]  # fmt: skip
+BarometerQuirk = Literal[
+    "two-decimals", "engine-first", "two-pressures", "empty-group", "hpa-labelled-bar", "two-barometers", "inches-finer",
+    "kelvin",
+]  # fmt: skip
+"""Of talkers: what other people's were seen to send in place of their kind's sentence."""
 ServoModel = Literal["XM430-W350", "XL430-W250"]
 Sky = Literal["clear", "scattered", "broken", "overcast", "drawn"]
 
@@ -97,6 +106,7 @@ class Compass(Section):
     """Magnetometer on the pan stage, or a talker there."""
 
     kind: CompassKind = "mmc5983ma"
+    quirk: CompassQuirk | None = None  # of a talker
     noise_ut: NonNegative = 0.04  # per axis and sample
     hard_iron_sigma_ut: NonNegative = 5.0  # per axis, fixed to the pan stage
     hard_iron_calibration_sigma_ut: NonNegative = 0.2  # per axis, error of the crew's calibration of it
@@ -110,17 +120,31 @@ class Compass(Section):
     bridge_offset_sigma_ut: NonNegative = 15.0  # of the chip, per axis; SET and RESET uncover it
     talker_noise_deg: NonNegative = 0.2  # per sentence, for kinds that send headings
 
+    @model_validator(mode="after")
+    def _only_talkers_have_quirks(self) -> "Compass":
+        if self.quirk and self.kind == "mmc5983ma":
+            raise ValueError(f"quirk {self.quirk} is of a talker; give another kind than {self.kind}")
+        return self
+
 
 class Altimeter(Section):
     """Barometer, and the reference pressure that the crew wrote down before they left."""
 
     kind: AltimeterKind = "bmp390"
+    quirk: BarometerQuirk | None = None  # of a talker
+    on_compass_port: bool = False  # one serial stream carries both talkers
     noise_hpa: NonNegative = 0.01  # per reading
     bias_sigma_hpa: NonNegative = 0.25
     reference_sigma_hpa: NonNegative = 0.1  # error of the pressure written down
     reference_temperature_sigma_c: NonNegative = 1.0
     reference_age_h: NonNegative = 1.0
     weather_drift_sigma_hpa_h: NonNegative = 0.4  # of the weather since then
+
+    @model_validator(mode="after")
+    def _only_talkers_have_quirks(self) -> "Altimeter":
+        if (self.quirk or self.on_compass_port) and self.kind not in ("xdr", "mda", "vaisala-pa50"):
+            raise ValueError(f"quirk and on_compass_port are of a talker; give another kind than {self.kind}")
+        return self
 
 
 class Weather(Section):

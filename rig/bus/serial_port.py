@@ -16,14 +16,16 @@ from pathlib import Path
 
 import serial
 
-from rig.bus import tap
+from rig.bus import sysfs, tap
 from rig.bus.deadline import Deadline
 from rig.errors import DeviceError, LostPortError
+from rig.fault_notes import note_fault
 
 _log = logging.getLogger(__name__)
 
 _READ_BYTES = 4096
 _WRITE_TIMEOUT_S = 1.0
+MOST_LATENCY_MS = 4
 _FAILURES = (OSError, termios.error, ValueError)  # SerialException is an OSError
 
 _REMEDIES = {
@@ -75,6 +77,13 @@ class SerialPort:
             port.set_low_latency_mode(True)
         except (ValueError, OSError) as error:
             _log.debug("%s has no low-latency mode: %s", self.path, error)
+        latency_ms = sysfs.serial_latency_ms(self.path)
+        if latency_ms is not None and latency_ms > MOST_LATENCY_MS:
+            note_fault(
+                f"serial port {self.path}",
+                f"its adapter holds bytes back for {latency_ms} ms, and keeps doing so",
+                f"went on, slower; as root: echo 1 > {sysfs.serial_latency_file(self.path)}, or a udev rule for it",
+            )
         return port
 
     def read(self, deadline: Deadline) -> bytes:

@@ -46,6 +46,10 @@ class OdometryInput(Section):
     listen: HostPort = "127.0.0.1:10111"
     speed_sigma_share: Annotated[float, Field(gt=0.0, le=1.0)] = 0.03
     heading_sigma_deg: Annotated[float, Field(gt=0.0, le=180.0)] = 3.0
+    require_checksum: bool = True
+    """Of NMEA sentences; UDP has one of its own."""
+    accept_estimated: bool = False
+    """Whether a speed of mode E counts: dead reckoning, which wheels and gyros may well do, and a receiver guesses."""
 
 
 class SearchLimits(Section):

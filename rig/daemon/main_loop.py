@@ -241,6 +241,8 @@ def refused(board: Board, problem: str) -> None:
 def status_line(snapshot: Snapshot) -> str:
     """How the daemon is, for people: what it does, what ails it, and the last fix with its time, which does not grow old."""
     parts: list[str] = [snapshot.activity]
+    if wrong := clock.problem():
+        parts.append(wrong)
     failing = [device.name for device in snapshot.devices if device.state == "failing"]
     if failing:
         parts.append(f"{', '.join(failing)} failing")

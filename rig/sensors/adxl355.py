@@ -5,10 +5,12 @@ At 62.5 Hz the low-pass lies at 15.6 Hz; a mean over one second has then noise o
 
 import math
 import time
+from functools import partial
 
 from rig.bus.deadline import Deadline, wait_until
 from rig.bus.i2c import I2cBus
 from rig.bus.i2c_chip import I2cChip
+from rig.fault_notes import note_fault
 from rig.readings import AccelerationReading, Instant
 from rig.sensors.sampling import LEAST_READINGS, read_for, require_noise
 
@@ -89,10 +91,11 @@ class Adxl355:
         """Model, revision, address and bus."""
         return f"{self._chip.name}, revision {self._chip.read_register(_REVID)[0]}"
 
-    def read(self) -> AccelerationReading:
+    def read(self, *, without_temperature: bool = False) -> AccelerationReading:
         """The next sample, 16 ms after the last.
 
-        Raises ``TransientError`` where none comes, or one that no accelerometer at rest can give.
+        Raises ``TransientError`` where none comes, or one that no accelerometer at rest can give. ``without_temperature``
+        takes one whose temperature cannot be, as NaN, and notes it.
         """
         ready = wait_until(
             lambda: bool(self._status() & _DATA_READY), Deadline.after(_READY_TIMEOUT_S), _SAMPLE_S / 4
@@ -104,14 +107,19 @@ class Adxl355:
         temperature_c = decode_temperature_c(data[:2])
         x_g, y_g, z_g = (decode_axis(data[i : i + 3]) * _G_PER_COUNT for i in (2, 5, 8))
         if not -40.0 <= temperature_c <= 125.0:
-            raise self._chip.implausible(f"{temperature_c:.0f} °C")
+            if not without_temperature:
+                raise self._chip.implausible(f"{temperature_c:.0f} °C")
+            note_fault(
+                self._chip.name, f"says {temperature_c:.0f} °C of itself", "went on without a temperature"
+            )
+            temperature_c = math.nan
         if not 0.5 <= math.hypot(x_g, y_g, z_g) <= 1.5:
             raise self._chip.implausible(f"{math.hypot(x_g, y_g, z_g):.2f} g in all")
         return AccelerationReading(x_g, y_g, z_g, temperature_c, at.monotonic_s, at.utc)
 
     def read_many(self, duration_s: float) -> list[AccelerationReading]:
         """All samples of ``duration_s``. Raises ``DeviceError`` where all are the same: a frozen chip."""
-        readings = read_for(self.read, duration_s, LEAST_READINGS)
+        readings = read_for(partial(self.read, without_temperature=True), duration_s, LEAST_READINGS)
         require_noise(self._chip.name, [(r.x_g, r.y_g, r.z_g) for r in readings])
         return readings
 

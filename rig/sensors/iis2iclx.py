@@ -6,10 +6,12 @@ tilt. The range is ±1 g, for any tilt, where one count is 0.0018°; noise of tw
 
 import math
 import time
+from functools import partial
 
 from rig.bus.deadline import Deadline, wait_until
 from rig.bus.i2c import I2cBus
 from rig.bus.i2c_chip import I2cChip
+from rig.fault_notes import note_fault
 from rig.readings import AccelerationReading, Instant
 from rig.sensors.sampling import LEAST_READINGS, read_for, require_noise
 
@@ -73,10 +75,11 @@ class Iis2iclx:
         """Model, address and bus."""
         return self._chip.name
 
-    def read(self) -> AccelerationReading:
+    def read(self, *, without_temperature: bool = False) -> AccelerationReading:
         """The next sample, 19 ms after the last.
 
-        Raises ``TransientError`` where none comes, or one that no accelerometer at rest can give.
+        Raises ``TransientError`` where none comes, or one that no accelerometer at rest can give. ``without_temperature``
+        takes one whose temperature cannot be, as NaN, and notes it.
         """
         if not wait_until(self._sample_ready, Deadline.after(_READY_TIMEOUT_S), _SAMPLE_S / 4):
             raise self._chip.no_answer_in_time("a sample", _READY_TIMEOUT_S)
@@ -85,7 +88,12 @@ class Iis2iclx:
         temperature_c = decode_temperature_c(self._chip.read_register(_OUT_TEMP, 2))
         x_g, y_g = (decode_acceleration_g(data[i : i + 2], _RANGE_G) for i in (0, 2))
         if not -40.0 <= temperature_c <= 105.0:
-            raise self._chip.implausible(f"{temperature_c:.0f} °C")
+            if not without_temperature:
+                raise self._chip.implausible(f"{temperature_c:.0f} °C")
+            note_fault(
+                self._chip.name, f"says {temperature_c:.0f} °C of itself", "went on without a temperature"
+            )
+            temperature_c = math.nan
         if max(abs(x_g), abs(y_g)) > _RANGE_G or math.hypot(x_g, y_g) > 1.2:
             raise self._chip.implausible(f"{x_g:.2f} g and {y_g:.2f} g")
         return AccelerationReading(x_g, y_g, None, temperature_c, at.monotonic_s, at.utc)
@@ -95,7 +103,7 @@ class Iis2iclx:
 
     def read_many(self, duration_s: float) -> list[AccelerationReading]:
         """All samples of ``duration_s``. Raises ``DeviceError`` where all are the same: a frozen chip."""
-        readings = read_for(self.read, duration_s, LEAST_READINGS)
+        readings = read_for(partial(self.read, without_temperature=True), duration_s, LEAST_READINGS)
         require_noise(self._chip.name, [(r.x_g, r.y_g) for r in readings])
         return readings
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from rig.attitude.level import in_axes
+from rig.attitude.talker_headings import heading_doubts
 from rig.bus.retry import retry
 from rig.bus.serial_port import SerialPort
 from rig.camera import Camera, TimedFrame
@@ -21,13 +22,16 @@ from rig.config import (
     CompassSection,
     InclinometerSection,
     Mmc5983maSection,
+    NmeaCompassSection,
     PanTiltSection,
+    Place,
     RigConfig,
 )
 from rig.config import Servo as ServoSection
 from rig.connect import open_altimeter, open_compass, open_inclinometer
 from rig.dynamixel.servo import Servo, read_states, require_models
 from rig.dynamixel.servo_bus import ServoBus
+from rig.errors import RigError
 from rig.measure import altitude_from, read_level, read_pressure
 from rig.readings import FieldReading, HeadingReading
 
@@ -65,7 +69,7 @@ def sources_of(config: RigConfig) -> dict[str, Opener]:
         "inclinometer": partial(_inclinometer, config.inclinometer),
     }
     if config.compass:
-        found["compass"] = partial(_compass, config.compass)
+        found["compass"] = partial(_compass, config.compass, config.place)
     if config.altimeter:
         found["altimeter"] = partial(_altimeter, config.altimeter)
     return {**found, "camera": partial(_camera, config.camera)}
@@ -122,21 +126,30 @@ def _inclinometer(section: InclinometerSection) -> Iterator[Source]:
 
 
 @contextmanager
-def _compass(section: CompassSection) -> Iterator[Source]:
+def _compass(section: CompassSection, place: Place | None) -> Iterator[Source]:
     with closing(open_compass(section)) as compass:
 
         def read() -> Reading:
             readings = retry(partial(compass.read_many, COMPASS_S))
             last = readings[-1]
             if isinstance(last, HeadingReading):
-                return _heading(last)
+                assert isinstance(section, NmeaCompassSection)
+                return _heading(last, _doubts(last, section, place))
             assert isinstance(section, Mmc5983maSection)
             return _field([each for each in readings if isinstance(each, FieldReading)], section)
 
         yield Source(compass.identify(), read)
 
 
-def _heading(reading: HeadingReading) -> Reading:
+def _doubts(reading: HeadingReading, section: NmeaCompassSection, place: Place | None) -> tuple[str, ...]:
+    """What a capture would note of a heading, or be refused for."""
+    try:
+        return tuple(heading_doubts([reading], section, place))
+    except RigError as error:
+        return (str(error),)
+
+
+def _heading(reading: HeadingReading, warnings: tuple[str, ...]) -> Reading:
     values = {
         "heading_deg": reading.heading_deg,
         "reference": reading.reference,
@@ -144,7 +157,7 @@ def _heading(reading: HeadingReading) -> Reading:
         "pitch_deg": reading.pitch_deg,
         "roll_deg": reading.roll_deg,
     }
-    return Reading(values, reading.monotonic_s)
+    return Reading(values, reading.monotonic_s, warnings)
 
 
 def _field(readings: list[FieldReading], section: Mmc5983maSection) -> Reading:
