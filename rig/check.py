@@ -7,12 +7,14 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from functools import partial
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from localizer.errors import SkyfixError
 from rig.attitude.heading import PLAUSIBLE_FIELD_UT, circular_mean_deg
 from rig.attitude.kinematics import wrapped_deg
 from rig.attitude.level import in_axes
@@ -28,9 +30,14 @@ from rig.config import (
     RigConfig,
 )
 from rig.connect import open_altimeter, open_compass, open_inclinometer, open_pan_tilt
-from rig.errors import RigError
+from rig.errors import DeviceError, RigError
 from rig.measure import read_altitude, read_level
+from rig.pan_tilt import HeadState, PanTilt
+from rig.possible_altitude import AltitudeBounds, altitude_bounds
 from rig.readings import FieldReading, HeadingReading
+
+if TYPE_CHECKING:
+    from localizer.dem import Dem
 
 LEVEL_NOISE_LIMIT_DEG = 0.005
 READING_S = 0.5
@@ -57,8 +64,11 @@ class DeviceCheck:
         return self.problem is None
 
 
-def check_devices(config: RigConfig) -> list[DeviceCheck]:
-    """Connect to every configured device, all at once, and read it. A failure is in its row, not raised."""
+def check_devices(config: RigConfig, dem: "Dem | None" = None) -> list[DeviceCheck]:
+    """Connect to every configured device, all at once, and read it. A failure is in its row, not raised.
+
+    An altitude that the ground of ``dem`` cannot have is one.
+    """
     checks: list[tuple[str, Callable[[], DeviceCheck]]] = [
         ("pan and tilt", partial(check_pan_tilt, config.pan_tilt)),
         ("inclinometer", partial(check_inclinometer, config.inclinometer)),
@@ -66,10 +76,28 @@ def check_devices(config: RigConfig) -> list[DeviceCheck]:
     if config.compass:
         checks.append(("compass", partial(check_compass, config.compass)))
     if config.altimeter:
-        checks.append(("altimeter", partial(check_altimeter, config.altimeter)))
+        checks.append(("altimeter", partial(check_altimeter, config.altimeter, altitude_bounds(config, dem))))
     checks.append(("camera", partial(check_camera, config.camera)))
     with ThreadPoolExecutor(len(checks)) as pool:
         return list(pool.map(lambda check: _guarded(*check), checks))
+
+
+def check_all(
+    config: RigConfig, dem: "Dem | None" = None, dem_paths: Sequence[Path] = ()
+) -> list[DeviceCheck]:
+    """``check_devices`` against the ground of ``dem``, or of the files, or of what [run] searches. Files that cannot be read
+    are a row of their own.
+    """
+    from localizer.dem_options import DemChoice
+
+    paths = tuple(dem_paths) or (config.run.dem if config.run else ())
+    unread = []
+    if dem is None and paths:
+        try:
+            dem = DemChoice(tuple(paths)).load()
+        except SkyfixError as error:
+            unread = [DeviceCheck("elevation model", "", "", "", (), (), str(error))]
+    return [*check_devices(config, dem), *unread]
 
 
 def check_pan_tilt(section: PanTiltSection) -> DeviceCheck:
@@ -85,8 +113,16 @@ def check_pan_tilt(section: PanTiltSection) -> DeviceCheck:
             f"{scatter.max():.3f} deg",
             last.volts,
             last.temps,
-            "; ".join(last.alerts) or None,
+            "; ".join([*last.alerts, *_turned_by_hand(head, last)]) or None,
         )
+
+
+def _turned_by_hand(head: PanTilt, state: HeadState) -> list[str]:
+    try:
+        head.require_one_turn(state)
+    except DeviceError as error:
+        return [str(error)]
+    return []
 
 
 def check_inclinometer(section: InclinometerSection) -> DeviceCheck:
@@ -120,10 +156,10 @@ def check_compass(section: CompassSection) -> DeviceCheck:
         return _heading_check(compass.identify(), headings)
 
 
-def check_altimeter(section: AltimeterSection) -> DeviceCheck:
-    """Pressure, and the altitude that it means."""
+def check_altimeter(section: AltimeterSection, bounds: Sequence[AltitudeBounds] = ()) -> DeviceCheck:
+    """Pressure, and the altitude that it means, which has to lie within ``bounds``."""
     with closing(open_altimeter(section)) as barometer:
-        altitude = read_altitude(barometer, section)
+        altitude = read_altitude(barometer, section, bounds)
         temperature_c = altitude.raw["temperature_c"]
         return DeviceCheck(
             "altimeter",

@@ -248,7 +248,7 @@ class _AltimeterSection(Section):
 class I2cAltimeterSection(_AltimeterSection):
     """``[altimeter]``: a barometer chip."""
 
-    kind: Literal["bmp390", "bmp388", "ms5611"]
+    kind: Literal["bmp390", "bmp388", "ms5611", "ms5607"]
     bus: Bus
     address: I2cAddress
 

@@ -3,6 +3,7 @@
 import logging
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
@@ -19,6 +20,7 @@ from rig.config import AltimeterSection, InclinometerSection
 from rig.connect import Altimeter, Inclinometer, Rig
 from rig.errors import DeviceError
 from rig.pan_tilt import HeadState
+from rig.possible_altitude import AltitudeBounds, require_possible
 
 _log = logging.getLogger(__name__)
 
@@ -100,9 +102,14 @@ def read_level(
     return whole, early, late
 
 
-def read_altitude(altimeter: Altimeter, section: AltimeterSection) -> AltitudeReading:
-    """Altitude by the mean pressure of half a second. ``DeviceError`` where no ground lies that high or low."""
-    return altitude_from(read_pressure(altimeter, ALTIMETER_AVERAGE_S), section)
+def read_altitude(
+    altimeter: Altimeter, section: AltimeterSection, bounds: Sequence[AltitudeBounds] = ()
+) -> AltitudeReading:
+    """Altitude by the mean pressure of half a second. ``DeviceError`` where that is beyond the bounds or no ground is."""
+    mean = read_pressure(altimeter, ALTIMETER_AVERAGE_S)
+    read = altitude_from(mean, section)
+    require_possible(read.altitude_m, mean.pressure_hpa, section, mean.device, bounds)
+    return read
 
 
 def read_pressure(altimeter: Altimeter, duration_s: float) -> MeanPressure:

@@ -212,7 +212,7 @@ class PanTilt:
         """
         self._goal_ticks(pan_deg, tilt_deg)
         state = self.state()
-        self._require_one_turn(state)
+        self.require_one_turn(state)
         low, high = self._limits_deg()
         here = state.pan_deg, state.tilt_deg
         stops = route(here, (pan_deg, tilt_deg), self._parameters.keep_out, low, high)
@@ -260,7 +260,7 @@ class PanTilt:
             raise self._astray
         state = self.state()
         self._require_healthy(state)
-        self._require_one_turn(state)
+        self.require_one_turn(state)
         low, high = self._limits_deg()
         here, goal_deg = (state.pan_deg, state.tilt_deg), (pan_deg, tilt_deg)
         if len(route(here, goal_deg, self._parameters.keep_out, low, high)) > 1:
@@ -275,7 +275,7 @@ class PanTilt:
         self._from_deg = here
         self._goal_deg = pan_deg, tilt_deg
 
-    def _require_one_turn(self, state: HeadState) -> None:
+    def require_one_turn(self, state: HeadState) -> None:
         """Raise ``DeviceError`` where a servo has been turned out of its range by hand: torque would send it the long way."""
         for servo, tick in zip(self._servos, state.ticks, strict=True):
             servo.require_one_turn(tick)

@@ -113,7 +113,7 @@ class Servo:
         if value("Homing Offset"):
             problem = f"had a Homing Offset of {value('Homing Offset')} ticks, left by another program"
             note_fault(self.name, problem, "set to 0; look at zero_tick, which counts without it")
-        self._write_where_different(((name, wanted[name], value(name)) for name in wanted))
+        self._write_where_different((name, wanted[name], value(name)) for name in wanted)
         startup = table.STARTUP_CONFIGURATION
         if firmware >= table.STARTUP_CONFIGURATION_FIRMWARE and startup.decode(block, _EEPROM[0]):
             self._bus.write(self.servo_id, startup.address, startup.encode(0))

@@ -224,17 +224,19 @@ def test_a_servo_that_starts_anew_between_two_moves_gets_its_gains_and_its_speed
 
 
 def test_a_servo_set_to_protocol_1_is_said_to_be_that() -> None:
-    with rig_with(tilt={"protocol_type": 1}) as rig:
-        with pytest.raises(
-            WrongDeviceError, match=r"id 2: a servo set to Protocol 1\.0; set its Protocol Type"
-        ):
-            PanTilt(Parameters(rig.port.path))
+    with (
+        rig_with(tilt={"protocol_type": 1}) as rig,
+        pytest.raises(WrongDeviceError, match=r"id 2: a servo set to Protocol 1\.0; set its Protocol Type"),
+    ):
+        PanTilt(Parameters(rig.port.path))
 
 
 def test_a_limit_that_another_program_narrowed_is_named_with_the_error() -> None:
-    with rig_with(pan={"max_voltage_limit": 110}) as rig, head_of(rig) as head:
-        with pytest.raises(DeviceError, match=r"input voltage out of range \(12\.0 V; it is set to 9\.5 to"):
-            head.go_to(10.0, 0.0)
+    said = pytest.raises(
+        DeviceError, match=r"input voltage out of range \(12\.0 V; it is set to 9\.5 to 11\.0 V\)"
+    )
+    with rig_with(pan={"max_voltage_limit": 110}) as rig, head_of(rig) as head, said:
+        head.go_to(10.0, 0.0)
 
 
 def test_a_head_that_goes_another_way_is_let_go_at_once_and_for_good() -> None:
