@@ -21,6 +21,7 @@ from sim.devices.camera_stream import CameraStream
 from sim.devices.i2c_bridge import I2cBridge
 from sim.devices.pty_port import PtyPort
 from sim.errors import SimulationError
+from sim.replay_registers import factory_answer
 
 LOG_VERSION = 1
 NO_ACKNOWLEDGE = 121
@@ -142,6 +143,8 @@ def replayed(path: Path) -> Iterator[Path]:
         folder = Path(running.enter_context(tempfile.TemporaryDirectory(prefix="skyfix-replay-")))
         names: dict[str, str] = {}
         bauds = {section.get("port"): section.get("baud") for section in config.values()}
+        servos = [config["pan_tilt"][axis] for axis in ("pan", "tilt")]
+        models = {int(servo["id"]): str(servo["model"]) for servo in servos}
         for number, port_name in enumerate(sorted({e["port"] for e in exchanges if "port" in e})):
             port = PtyPort()
             running.callback(port.close)
@@ -149,7 +152,7 @@ def replayed(path: Path) -> Iterator[Path]:
             names[port_name] = port.path
             here = [e for e in exchanges if e.get("port") == port_name]
             if any("sent" in e for e in here):
-                port.answer(_answering(here))
+                port.answer(_answering(here, models))
             else:
                 said = [(float(e["t"]), bytes.fromhex(e["received"])) for e in here]
                 running.callback(ReplayedTalker(port, said, int(bauds.get(port_name) or 4800)).close)
@@ -167,8 +170,8 @@ def replayed(path: Path) -> Iterator[Path]:
         yield config_path
 
 
-def _answering(exchanges: Sequence[Exchange]) -> Any:
-    """From requests to recorded answers: what was received until the next request."""
+def _answering(exchanges: Sequence[Exchange], models: Mapping[int, str]) -> Any:
+    """From requests to recorded answers, what was received until the next request; else to what a servo has from the factory."""
     answers, request, answer = Answers(), "", b""
     for exchange in [*exchanges, {"sent": ""}]:
         if "sent" in exchange:
@@ -177,7 +180,12 @@ def _answering(exchanges: Sequence[Exchange]) -> Any:
             request, answer = exchange["sent"], b""
         else:
             answer += bytes.fromhex(exchange["received"])
-    return lambda data: answers.next(data.hex(), b"")
+
+    def answer_to(data: bytes) -> bytes:
+        answer = answers.next(data.hex(), None)
+        return factory_answer(data, models) if answer is None else bytes(answer)
+
+    return answer_to
 
 
 def _chips(exchanges: Sequence[Exchange]) -> list[ReplayedChip]:
