@@ -171,7 +171,7 @@ def replayed(path: Path) -> Iterator[Path]:
 
 
 def _answering(exchanges: Sequence[Exchange], models: Mapping[int, str]) -> Any:
-    """From requests to recorded answers, what was received until the next request; else to what a servo has from the factory."""
+    """From requests to what was received until the next one; else to what a servo has from the factory."""
     answers, request, answer = Answers(), "", b""
     for exchange in [*exchanges, {"sent": ""}]:
         if "sent" in exchange:

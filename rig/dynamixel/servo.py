@@ -77,6 +77,14 @@ class Servo:
             )
         _log.info("%s: was set to answer not everything (Status Return Level); set to 2", self.name)
 
+    def answer_reads(self) -> None:
+        """``answer_everything`` of a servo that does not even answer a read; nothing is written to one that does."""
+        try:
+            self.read("Status Return Level")
+        except TransientError as error:
+            _log.debug("%s", error)
+            self.answer_everything()
+
     def stand_alone(self) -> None:
         """Torque off, and no Secondary ID: with one the servo obeys what another is told, without an answer.
 
@@ -108,11 +116,17 @@ class Servo:
         for name, (low, high) in table.FACTORY_PROTECTION[self.model].items():
             if not low <= value(name) <= high:
                 wanted[name] = low if name.startswith("Min") else high
+        if value("Operating Mode") != table.POSITION_MODE or value("Drive Mode") & table.REVERSED:
+            # A change of these begins the count anew, and with it forgets that the head was turned too far.
+            position = self.read("Present Position")
+            self.require_one_turn(position - self._honoured(value("Homing Offset"), value("Operating Mode")))
         if value("Drive Mode") & table.REVERSED:
             self._count_the_right_way()
         if value("Homing Offset"):
-            problem = f"had a Homing Offset of {value('Homing Offset')} ticks, left by another program"
-            note_fault(self.name, problem, "set to 0; look at zero_tick, which counts without it")
+            self._tell(
+                f"had a Homing Offset of {value('Homing Offset')} ticks, left by another program",
+                "set to 0; look at zero_tick, which counts without it",
+            )
         self._write_where_different((name, wanted[name], value(name)) for name in wanted)
         startup = table.STARTUP_CONFIGURATION
         if firmware >= table.STARTUP_CONFIGURATION_FIRMWARE and startup.decode(block, _EEPROM[0]):
@@ -121,11 +135,21 @@ class Servo:
 
     def _count_the_right_way(self) -> None:
         """Drive Mode 0, and the count of turns begun anew, which was in the other sense."""
-        self.require_one_turn(self.read("Present Position") - self.read("Homing Offset"))
         self.write("Drive Mode", 0)
-        note_fault(self.name, "counted the other way round (Drive Mode)", "set right; look at zero_tick")
+        self._tell("counted the other way round (Drive Mode)", "set right; look at zero_tick and direction")
         if not 0 <= self.read("Present Position") < table.TICKS_PER_TURN:
             self._bus.clear_turns(self.servo_id)
+
+    @staticmethod
+    def _honoured(homing_offset: int, operating_mode: int) -> int:
+        """What a Homing Offset adds to a position: in position mode nothing where it is more than a quarter turn."""
+        quarter = table.TICKS_PER_TURN // 4
+        return 0 if operating_mode == table.POSITION_MODE and abs(homing_offset) > quarter else homing_offset
+
+    def _tell(self, problem: str, action: str) -> None:
+        """Say what changes the meaning of zero_tick: it is only found once."""
+        note_fault(self.name, problem, action)
+        _log.warning("%s: %s; %s", self.name, problem, action)
 
     def clear_ram(self) -> None:
         """The factory's gains and ceilings: at 0, or at another program's, the servo does not get to its goal."""

@@ -28,6 +28,7 @@ from rig.config import Servo as ServoSection
 from rig.connect import open_altimeter, open_compass, open_inclinometer
 from rig.dynamixel.servo import Servo, read_states, require_models
 from rig.dynamixel.servo_bus import ServoBus
+from rig.errors import DeviceError
 from rig.measure import altitude_from, read_level, read_pressure
 from rig.readings import FieldReading, HeadingReading
 
@@ -78,11 +79,21 @@ def _head(section: PanTiltSection) -> Iterator[Source]:
         joints = {"pan": section.pan, "tilt": section.tilt}
         servos = {name: Servo(bus, joint.id, joint.model, name) for name, joint in joints.items()}
         firmware = retry(partial(require_models, bus, {joint.id: joint.model for joint in joints.values()}))
+        for servo in servos.values():
+            retry(servo.answer_reads)
         identity = ", ".join(
             f"{name} {joint.model} firmware {firmware[joint.id]} (id {joint.id})"
             for name, joint in joints.items()
         )
         yield Source(identity, partial(_read_head, bus, servos, joints))
+
+
+def _turned_by_hand(servo: Servo, position_tick: int) -> list[str]:
+    try:
+        servo.require_one_turn(position_tick)
+    except DeviceError as error:
+        return [f"{servo.name}: {error.problem}; turn it back by hand"]
+    return []
 
 
 def _read_head(bus: ServoBus, servos: Mapping[str, Servo], joints: Mapping[str, ServoSection]) -> Reading:
@@ -92,6 +103,7 @@ def _read_head(bus: ServoBus, servos: Mapping[str, Servo], joints: Mapping[str, 
     values: dict[str, Any] = {}
     for (name, servo), state in zip(servos.items(), states, strict=True):
         values[f"{name}_deg"] = round(joints[name].angle_deg(state.position_tick), 3)
+        warnings += _turned_by_hand(servo, state.position_tick)
         if state.alert:
             warnings += [f"{servo.name}: {error}" for error in retry(servo.hardware_errors)]
     values |= {

@@ -12,9 +12,11 @@ import numpy as np
 import pytest
 
 from rig.config import KeepOut
+from rig.daemon.servo_restarts import restart_servos
 from rig.errors import DeviceError, RigError, WrongDeviceError
 from rig.fault_notes import collecting
 from rig.pan_tilt import PanTilt
+from rig.watch.sources import _head
 from sim.devices.pty_port import PtyPort
 from sim.devices.servo import Servo
 from sim.devices.servo_bus import ServoBus
@@ -265,3 +267,49 @@ def test_a_servo_whose_count_folds_when_the_torque_comes_on_is_let_go(
             head.go_to(100.0, 0.0)
         assert rig.pan.register("torque_enable") == 0
         assert rig.angles()[0] == pytest.approx(189.0, abs=1.0)
+
+
+@pytest.mark.parametrize("mode", [4, 1])
+def test_a_head_that_another_program_drove_past_one_turn_is_refused_before_the_count_is_lost(
+    mode: int,
+) -> None:
+    with rig_with(pan={"operating_mode": mode}) as rig:
+        rig.pan.turn_by_hand(200.0)
+        for _ in range(2):
+            with pytest.raises(DeviceError, match=r"pan servo .* beyond one turn .*turn it back by hand"):
+                PanTilt(Parameters(rig.port.path))
+        rig.pan.turn_by_hand(-100.0)
+        with head_of(rig) as head:
+            travel(rig, head, (90.0, 0.0))
+
+
+def test_a_servo_that_shut_down_is_not_restarted_where_that_would_forget_a_turn() -> None:
+    with rig_with(pan={"status_return_level": 1}) as rig:
+        rig.pan.fail(0x20)
+        rig.pan.turn_by_hand(200.0)
+        section = Parameters(rig.port.path)
+        with pytest.raises(DeviceError, match="turn it back by hand"):
+            restart_servos(section)  # type: ignore[arg-type]
+        rig.pan.turn_by_hand(-60.0)
+        assert restart_servos(section) == [f"pan servo (id 1) on {rig.port.path}: overload"]  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True)
+class WatchedAxis(Axis):
+    def angle_deg(self, tick: int) -> float:
+        return (tick - self.zero_tick) * DEG_PER_TICK
+
+
+@dataclass(frozen=True)
+class Watched(Parameters):
+    pan: Axis = field(default_factory=lambda: WatchedAxis(1))
+    tilt: Axis = field(default_factory=lambda: WatchedAxis(2))
+
+
+def test_watching_says_that_a_head_was_turned_too_far_though_the_servos_answer_pings_only() -> None:
+    with rig_with({"status_return_level": 0}, {"status_return_level": 0}) as rig:
+        rig.pan.turn_by_hand(200.0)
+        with _head(Watched(rig.port.path)) as source:  # type: ignore[arg-type]
+            reading = source.read()
+        assert reading.values["pan_deg"] == pytest.approx(200.0, abs=0.5)
+        assert "turn it back by hand" in reading.warnings[0]
