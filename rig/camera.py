@@ -127,8 +127,11 @@ class Camera:
         """
         self._wanted_ev = ev  # a local camera is told by the thread that reads it
         url = self._section.exposure_url
-        if url is None or self._is_local:
-            return
+        if url is not None and not self._is_local:
+            self._tell(url, ev)
+
+    def _tell(self, url: str, ev: float) -> None:
+        """Set the exposure of a network camera. Raises ``TransientError`` where it does not take it."""
         try:
             with urllib.request.urlopen(
                 url.replace("{ev}", f"{ev:g}"), timeout=self._section.read_timeout_s
@@ -161,12 +164,26 @@ class Camera:
         return self.frames_after(monotonic_s, 1)[0]
 
     def close(self) -> None:
-        """End the thread and give the camera back. A camera that hangs is waited for no longer than ``THREAD_END_S``."""
+        """End the thread and give the camera back, its exposure too. One that hangs is waited for no longer than
+        ``THREAD_END_S``.
+        """
+        if self._wanted_ev != 0.0:
+            self._leave_exposure_to_it()
         self._stop.set()
         self._thread.join(THREAD_END_S)
         if self._thread.is_alive():
             patience_s = self._section.open_timeout_s + self._section.read_timeout_s + THREAD_END_S
             _hanging[self._thread] = time.monotonic() + patience_s
+
+    def _leave_exposure_to_it(self) -> None:
+        """A network camera at its own exposure, whatever was told last, by whom; that it takes none is noted."""
+        url = self._section.exposure_url
+        if url is None or self._is_local:
+            return
+        try:
+            self._tell(url, 0.0)
+        except TransientError as error:
+            note_fault(error.device, error.problem, "its exposure may have stayed as it was")
 
     def _wait(self, wanted: Callable[[TimedFrame], bool], wait_s: float, problem: str) -> TimedFrame:
         """The newest frame as soon as it is one that is wanted."""
@@ -225,6 +242,8 @@ class Camera:
                 told.callback(exposure.restore)
                 exposure.begin()
                 told.callback(FixedControls(capture, self._fixed_controls(), self.name).restore)
+            if self._wanted_ev == 0.0:  # a program that was killed may have left it dark
+                self._leave_exposure_to_it()
             not_before_s = -math.inf
             while not self._stop.is_set():
                 if exposure is not None:

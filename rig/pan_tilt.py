@@ -180,7 +180,6 @@ class PanTilt:
 
     def _configure(self, axis: _Axis) -> None:
         speed = self._parameters.velocity_deg_s, self._parameters.acceleration_deg_s2
-        retry(axis.servo.answer_everything)
         retry(partial(axis.servo.clear_eeprom, self._firmware[axis.servo.servo_id]))
         retry(partial(axis.servo.configure, axis.min_tick, axis.max_tick, *speed))
         retry(axis.servo.clear_ram)  # a change of mode resets the gains, so they come last

@@ -168,13 +168,15 @@ class Servo:
     def configure(
         self, min_tick: int, max_tick: int, velocity_deg_s: float, acceleration_deg_s2: float
     ) -> None:
-        """Position mode within limits that the servo itself keeps, and a speed; leaves the torque off.
+        """Position mode within limits that the servo itself keeps, and a speed; leaves the torque off, and has it answer.
 
         The EEPROM is written only where it differs: it wears out, and it can be written only without torque.
         """
+        self.answer_everything()
         self.torque(False)
         self.disarm_bus_watchdog()
         for register, value in {
+            "Homing Offset": 0,
             "Drive Mode": 0,  # not reversed, profile by velocity
             "Operating Mode": table.POSITION_MODE,
             "Return Delay Time": 0,

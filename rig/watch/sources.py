@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -30,6 +30,7 @@ from rig.dynamixel.servo import Servo, read_states, require_models
 from rig.dynamixel.servo_bus import ServoBus
 from rig.errors import DeviceError
 from rig.measure import altitude_from, read_level, read_pressure
+from rig.possible_altitude import AltitudeBounds, altitude_bounds, require_possible
 from rig.readings import FieldReading, HeadingReading
 
 HEAD_PAUSE_S = 0.2
@@ -68,7 +69,7 @@ def sources_of(config: RigConfig) -> dict[str, Opener]:
     if config.compass:
         found["compass"] = partial(_compass, config.compass)
     if config.altimeter:
-        found["altimeter"] = partial(_altimeter, config.altimeter)
+        found["altimeter"] = partial(_altimeter, config.altimeter, altitude_bounds(config))
     return {**found, "camera": partial(_camera, config.camera)}
 
 
@@ -175,7 +176,7 @@ def _field(readings: list[FieldReading], section: Mmc5983maSection) -> Reading:
 
 
 @contextmanager
-def _altimeter(section: AltimeterSection) -> Iterator[Source]:
+def _altimeter(section: AltimeterSection, bounds: Sequence[AltitudeBounds]) -> Iterator[Source]:
     with closing(open_altimeter(section)) as barometer:
 
         def read() -> Reading:
@@ -187,6 +188,12 @@ def _altimeter(section: AltimeterSection) -> Iterator[Source]:
                 "altitude_sigma_m": round(altitude.sigma_m, 2),
                 "temperature_c": _rounded(pressure.temperature_c),
             }
+            try:
+                require_possible(
+                    altitude.altitude_m, pressure.pressure_hpa, section, barometer.identify(), bounds
+                )
+            except DeviceError as error:
+                return Reading(values, time.monotonic(), (f"{error.problem}; {error.remedy}",))
             return Reading(values, time.monotonic())
 
         yield Source(barometer.identify(), read)

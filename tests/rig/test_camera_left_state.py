@@ -5,6 +5,7 @@ import os
 import struct
 import threading
 import time
+import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from rig.config import CameraSection
 from rig.errors import DeviceError
 from rig.fault_notes import collecting
 from rig.v4l2_settings import V4l2Settings
+from sim.devices.camera_stream import CameraStream
 
 AUTO, EXPOSURE, GAIN = cv2.CAP_PROP_AUTO_EXPOSURE, cv2.CAP_PROP_EXPOSURE, cv2.CAP_PROP_GAIN
 FOURCC, WIDTH, HEIGHT = cv2.CAP_PROP_FOURCC, cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT
@@ -160,6 +162,26 @@ def test_a_camera_that_stays_at_the_manual_exposure_it_was_left_with_is_refused(
         pytest.raises(DeviceError, match="manual exposure of 3 that another program"),
     ):
         camera.wait_open()
+
+
+@pytest.mark.parametrize("way_out", ["asked", "closed"])
+def test_a_network_camera_that_was_left_dark_is_left_to_itself_before_and_after(way_out: str) -> None:
+    stream = CameraStream(lambda: np.full((120, 160, 3), 128, np.uint8), rate_hz=25.0)
+    try:
+        with urllib.request.urlopen(stream.exposure_url.replace("{ev}", "-3")) as reply:
+            assert reply.status == 200
+        with Camera(section(source=stream.url, exposure_url=stream.exposure_url)) as camera:
+            camera.wait_open()
+            assert camera.frame_after(time.monotonic()).image_bgr.mean() == pytest.approx(128, abs=3)
+            camera.expose(-2.0)
+            assert camera.frame_after(time.monotonic() + 0.1).image_bgr.mean() < 90
+            if way_out == "asked":
+                camera.expose(0.0)
+        with Camera(section(source=stream.url)) as camera:  # one that tells it nothing
+            camera.wait_open()
+            assert camera.frame_after(time.monotonic()).image_bgr.mean() == pytest.approx(128, abs=3)
+    finally:
+        stream.close()
 
 
 def test_an_exposure_that_the_driver_says_it_takes_and_does_not_is_noted() -> None:

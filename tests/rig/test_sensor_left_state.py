@@ -323,3 +323,14 @@ def test_the_bounds_are_those_of_place_dem_and_reference() -> None:
     assert [(b.low_m, b.high_m) for b in altitude_bounds(Config())] == [(-3000.0, 4000.0)]  # type: ignore[arg-type]
     Config.altimeter = section("bmp390", 500.0)
     assert altitude_bounds(Config()) == ()  # type: ignore[arg-type]
+
+
+def test_watching_warns_of_an_altitude_that_cannot_be(tmp_path: Path) -> None:
+    from rig.watch.sources import sources_of
+
+    fitted = Altimeter(kind="ms5611", soldered="ms5607")
+    with (
+        quick_rig(world(altimeter=fitted), tmp_path) as quick,
+        sources_of(load_config(quick.rig.config_path))["altimeter"]() as source,
+    ):
+        assert 'kind = "ms5607"' in source.read().warnings[0]
