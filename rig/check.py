@@ -156,7 +156,7 @@ def check_compass(section: CompassSection) -> DeviceCheck:
         return _heading_check(compass.identify(), headings)
 
 
-def check_altimeter(section: AltimeterSection, bounds: Sequence[AltitudeBounds] = ()) -> DeviceCheck:
+def check_altimeter(section: AltimeterSection, bounds: Sequence[AltitudeBounds] | None = None) -> DeviceCheck:
     """Pressure, and the altitude that it means, which has to lie within ``bounds``."""
     with closing(open_altimeter(section)) as barometer:
         altitude = read_altitude(barometer, section, bounds)

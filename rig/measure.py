@@ -20,7 +20,7 @@ from rig.config import AltimeterSection, InclinometerSection
 from rig.connect import Altimeter, Inclinometer, Rig
 from rig.errors import DeviceError
 from rig.pan_tilt import HeadState
-from rig.possible_altitude import AltitudeBounds, require_possible
+from rig.possible_altitude import AltitudeBounds, bounds_by_reference, require_possible
 
 _log = logging.getLogger(__name__)
 
@@ -103,12 +103,16 @@ def read_level(
 
 
 def read_altitude(
-    altimeter: Altimeter, section: AltimeterSection, bounds: Sequence[AltitudeBounds] = ()
+    altimeter: Altimeter, section: AltimeterSection, bounds: Sequence[AltitudeBounds] | None = None
 ) -> AltitudeReading:
-    """Altitude by the mean pressure of half a second. ``DeviceError`` where that is beyond the bounds or no ground is."""
+    """Altitude by the mean pressure of half a second. ``DeviceError`` where that is beyond the bounds or no ground is.
+
+    Without bounds those of the reference hold, where the chip has a double.
+    """
     mean = read_pressure(altimeter, ALTIMETER_AVERAGE_S)
     read = altitude_from(mean, section)
-    require_possible(read.altitude_m, mean.pressure_hpa, section, mean.device, bounds)
+    known = bounds_by_reference(section) if bounds is None else bounds
+    require_possible(read.altitude_m, mean.pressure_hpa, section, mean.device, known)
     return read
 
 

@@ -52,14 +52,18 @@ def altitude_bounds(config: RigConfig, dem: "Dem | None" = None) -> tuple[Altitu
     if config.place is not None and "altitude_m" in config.place.model_fields_set:
         at_m = config.place.altitude_m
         bounds.append(_around(at_m, f"[place] altitude_m says {at_m:.0f} m"))
-    elif config.altimeter is not None and config.altimeter.kind in ALIKE and dem is None:
-        at_m = config.altimeter.reference_altitude_m
-        bounds.append(
-            _around(
-                at_m, f"the reference lies at {at_m:.0f} m and there is no [place] altitude_m that says more"
-            )
-        )
+    elif config.altimeter is not None and dem is None:
+        bounds += bounds_by_reference(config.altimeter)
     return tuple(bounds)
+
+
+def bounds_by_reference(section: AltimeterSection) -> list[AltitudeBounds]:
+    """By the reference, for a chip of ``ALIKE``: where nobody else says how high the rig stands."""
+    if section.kind not in ALIKE:
+        return []
+    at_m = section.reference_altitude_m
+    by = f"the reference lies at {at_m:.0f} m and there is no [place] altitude_m that says more"
+    return [_around(at_m, by)]
 
 
 def _around(altitude_m: float, by: str) -> AltitudeBounds:

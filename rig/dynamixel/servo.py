@@ -218,13 +218,13 @@ class Servo:
             )
 
     def require_one_turn(self, position_tick: int) -> None:
-        """Raise ``DeviceError`` where a position lies beyond one turn: the head was turned there while the torque was off."""
+        """Raise ``DeviceError`` where a position lies beyond one turn: by hand without torque, or by another program."""
         if not 0 <= position_tick < table.TICKS_PER_TURN:
-            turned = "forward" if position_tick > 0 else "back"
+            way = "forward" if position_tick > 0 else "backward"
             raise DeviceError(
                 self.name,
-                f"stands at tick {position_tick}, beyond one turn (0 to {table.TICKS_PER_TURN - 1}): it was turned "
-                f"{turned} while the torque was off",
+                f"stands at tick {position_tick}, beyond one turn (0 to {table.TICKS_PER_TURN - 1}): it was turned too far "
+                f"{way} while the torque was off, or by another program",
                 "turn it back by hand; the servo would go the long way round and pull the cable",
             )
 
