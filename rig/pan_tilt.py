@@ -22,7 +22,7 @@ from rig.dynamixel.servo import Servo, ServoState, read_states, require_models
 from rig.dynamixel.servo_bus import RefusedError, ServoBus
 from rig.errors import DeviceError, GoalError, RigError, TransientError
 from rig.fault_notes import note_fault
-from rig.keep_out import Zone, route
+from rig.keep_out import Zone, lies_in_a_zone, route
 from rig.telemetry import feed
 
 _log = logging.getLogger(__name__)
@@ -152,6 +152,7 @@ class PanTilt:
             raise
         self._goal_deg: tuple[float, float] | None = None
         self._from_deg = math.nan, math.nan
+        self._brakes_within_deg = 0.0
         self._astray: DeviceError | None = None
         self._holding: set[int] = set()
         try:
@@ -272,6 +273,8 @@ class PanTilt:
         for axis, goal in zip(self._axes, goals, strict=True):
             retry(partial(self._send_goal, axis.servo, goal))
         self._from_deg = here
+        speed, braking = self._parameters.velocity_deg_s, self._parameters.acceleration_deg_s2
+        self._brakes_within_deg = speed**2 / (2.0 * braking) if state.moving else 0.0
         self._goal_deg = pan_deg, tilt_deg
 
     def require_one_turn(self, state: HeadState) -> None:
@@ -377,7 +380,7 @@ class PanTilt:
 
     def _require_on_the_way(self, state: HeadState) -> None:
         """Let go at once, for good, and raise ``DeviceError``, where the head goes another way than that between the ends of
-        its move, which is the way that the keep-out zones were compared with.
+        its move, which is the way that the keep-out zones were compared with, or into one of these.
         """
         if self._goal_deg is None:
             return
@@ -386,7 +389,9 @@ class PanTilt:
             self._axes, self._from_deg, self._goal_deg, angles, strict=True
         ):
             low, high = sorted((from_deg, goal_deg))
-            if low - _WAY_TOLERANCE_DEG <= angle_deg <= high + _WAY_TOLERANCE_DEG:
+            tolerance_deg = _WAY_TOLERANCE_DEG + self._brakes_within_deg
+            strayed = not low - tolerance_deg <= angle_deg <= high + tolerance_deg
+            if not (strayed or lies_in_a_zone(angles, self._parameters.keep_out)):
                 continue
             self._require_power(axis, f"at {angle_deg:.1f} deg on its way to {goal_deg:.1f} deg")
             self._astray = DeviceError(

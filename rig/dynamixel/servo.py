@@ -45,6 +45,7 @@ class Servo:
         self.servo_id = servo_id
         self.model = model
         self.name = f"{name} servo (id {servo_id}) on {bus.path}"
+        self._counts_wrongly = False
 
     def read(self, register: str) -> int:
         """A register by the vendor's name, in its own unit."""
@@ -116,11 +117,13 @@ class Servo:
         for name, (low, high) in table.FACTORY_PROTECTION[self.model].items():
             if not low <= value(name) <= high:
                 wanted[name] = low if name.startswith("Min") else high
-        if value("Operating Mode") != table.POSITION_MODE or value("Drive Mode") & table.REVERSED:
+        is_reversed = bool(value("Drive Mode") & table.REVERSED)
+        if (value("Operating Mode") != table.POSITION_MODE or is_reversed) and not self._counts_wrongly:
             # A change of these begins the count anew, and with it forgets that the head was turned too far.
             position = self.read("Present Position")
             self.require_one_turn(position - self._honoured(value("Homing Offset"), value("Operating Mode")))
-        if value("Drive Mode") & table.REVERSED:
+        self._counts_wrongly |= is_reversed
+        if self._counts_wrongly:
             self._count_the_right_way()
         if value("Homing Offset"):
             self._tell(
@@ -134,11 +137,12 @@ class Servo:
             _log.info("%s: was set to start with torque or another program's RAM; set to 0", self.name)
 
     def _count_the_right_way(self) -> None:
-        """Drive Mode 0, and the count of turns begun anew, which was in the other sense."""
+        """Drive Mode 0, and the count of turns begun anew, which was in the other sense. Goes on where it was interrupted."""
         self.write("Drive Mode", 0)
-        self._tell("counted the other way round (Drive Mode)", "set right; look at zero_tick and direction")
         if not 0 <= self.read("Present Position") < table.TICKS_PER_TURN:
             self._bus.clear_turns(self.servo_id)
+        self._counts_wrongly = False
+        self._tell("counted the other way round (Drive Mode)", "set right; look at zero_tick and direction")
 
     @staticmethod
     def _honoured(homing_offset: int, operating_mode: int) -> int:

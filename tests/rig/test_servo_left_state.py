@@ -26,6 +26,13 @@ DEG_PER_TICK = 360.0 / 4096.0
 MIDDLE_DEG = 2048 * DEG_PER_TICK
 
 
+@pytest.fixture(autouse=True)
+def _in_haste(monkeypatch: pytest.MonkeyPatch) -> None:
+    """These servos do not swing: they stand as soon as they have stopped."""
+    monkeypatch.setattr("rig.pan_tilt._STILL_S", 0.05)
+    monkeypatch.setattr("rig.pan_tilt._POLL_S", 0.01)
+
+
 @dataclass(frozen=True)
 class Axis:
     id: int
@@ -57,6 +64,7 @@ class Rig:
     port: PtyPort
     pan: Servo
     tilt: Servo
+    bus: ServoBus
 
     def angles(self) -> tuple[float, float]:
         return self.pan.shaft()[0] - MIDDLE_DEG, self.tilt.shaft()[0] - MIDDLE_DEG
@@ -77,8 +85,9 @@ def servo(servo_id: int, model: str, left: dict[str, int], seed: int = 1) -> Ser
 def rig_with(
     pan: dict[str, int] | None = None, tilt: dict[str, int] | None = None, model: str = "XM430-W350"
 ) -> Iterator[Rig]:
-    rig = Rig(PtyPort(), servo(1, model, pan or {}), servo(2, model, tilt or {}))
-    ServoBus([rig.pan, rig.tilt]).serve(rig.port)
+    servos = servo(1, model, pan or {}), servo(2, model, tilt or {})
+    rig = Rig(PtyPort(), *servos, ServoBus(servos))
+    rig.bus.serve(rig.port)
     yield rig
     rig.port.close()
 
@@ -191,7 +200,7 @@ LEFT = [
 ]
 
 
-OF_BOTH = [*((left, "XM430-W350") for left in LEFT), *((left, "XL430-W250") for left in LEFT[1:18:4])]
+OF_BOTH = [*((left, "XM430-W350") for left in LEFT), *((left, "XL430-W250") for left in LEFT[1:18:8])]
 
 
 @pytest.mark.parametrize(
@@ -213,6 +222,15 @@ def test_current_that_an_xm430_was_denied_is_given_back(left: dict[str, int]) ->
     with rig_with(left, left) as rig, head_of(rig) as head:
         travel(rig, head, (60.0, 20.0))
         assert (rig.pan.register("current_limit"), rig.pan.register("goal_current")) == (1193, 1193)
+
+
+@pytest.mark.parametrize("lost", range(14, 30, 4))
+def test_an_answer_that_is_lost_while_a_reversed_servo_is_set_right_does_no_harm(lost: int) -> None:
+    with rig_with(pan={"drive_mode": 1, "homing_offset": 300}) as rig:
+        answers = iter(range(10_000))
+        rig.bus.on_wire = lambda data: b"" if data and next(answers) == lost else data
+        with head_of(rig) as head:
+            travel(rig, head, (30.0, 0.0))
 
 
 def test_a_servo_that_starts_anew_between_two_moves_gets_its_gains_and_its_speed_again() -> None:
@@ -252,6 +270,27 @@ def test_a_head_that_goes_another_way_is_let_go_at_once_and_for_good() -> None:
         assert rig.angles()[0] > -60.0
         with pytest.raises(DeviceError, match="went astray"):
             head.go_to(0.0, 0.0)
+
+
+def test_a_head_that_drifts_into_a_keep_out_zone_is_let_go() -> None:
+    wall = KeepOut(pan_min_deg=42.0, pan_max_deg=60.0)
+    with rig_with() as rig, head_of(rig, keep_out=(wall,)) as head:
+        travel(rig, head, (30.0, 0.0))
+        head.move_to(40.0, 0.0)
+        rig.pan.write(
+            116, (2048 + round(43.5 / DEG_PER_TICK)).to_bytes(4, "little")
+        )  # within 4 deg of its way
+        with pytest.raises(DeviceError, match=r"pan servo .* went astray"):
+            head.wait_settled()
+        assert rig.pan.register("torque_enable") == 0
+
+
+def test_a_head_that_is_sent_back_while_it_moves_is_not_astray() -> None:
+    with rig_with() as rig, head_of(rig, velocity_deg_s=400.0, acceleration_deg_s2=1200.0) as head:
+        head.move_to(150.0, 0.0)
+        time.sleep(0.35)
+        head.move_to(0.0, 0.0)
+        assert head.wait_settled().pan_deg == pytest.approx(0.0, abs=0.5)
 
 
 def test_a_servo_whose_count_folds_when_the_torque_comes_on_is_let_go(
