@@ -35,6 +35,7 @@ _STILL_TICKS = 1  # encoder noise
 _RELAX_REPLUG_S = 0.5  # on the way out there is little patience for a port that is gone
 # A proportional controller droops under the camera's weight; more than this is something in the way.
 _GOAL_TOLERANCE_DEG = 1.0
+_TOLD_WITHIN_S = 0.3  # from the reading of where a moving head is to its new goal, on a busy computer
 _WAY_TOLERANCE_DEG = 4.0  # beyond either end of a move: it overshoots, and is pulled when the torque comes on
 
 
@@ -274,7 +275,7 @@ class PanTilt:
             retry(partial(self._send_goal, axis.servo, goal))
         self._from_deg = here
         speed, braking = self._parameters.velocity_deg_s, self._parameters.acceleration_deg_s2
-        self._brakes_within_deg = speed**2 / (2.0 * braking) if state.moving else 0.0
+        self._brakes_within_deg = speed * _TOLD_WITHIN_S + speed**2 / (2.0 * braking) if state.moving else 0.0
         self._goal_deg = pan_deg, tilt_deg
 
     def require_one_turn(self, state: HeadState) -> None:

@@ -286,7 +286,7 @@ def test_a_head_that_drifts_into_a_keep_out_zone_is_let_go() -> None:
 
 
 def test_a_head_that_is_sent_back_while_it_moves_is_not_astray() -> None:
-    with rig_with() as rig, head_of(rig, velocity_deg_s=400.0, acceleration_deg_s2=1200.0) as head:
+    with rig_with() as rig, head_of(rig, velocity_deg_s=200.0, acceleration_deg_s2=600.0) as head:
         head.move_to(150.0, 0.0)
         time.sleep(0.35)
         head.move_to(0.0, 0.0)
