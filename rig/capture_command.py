@@ -145,7 +145,7 @@ def _take_one(
 
     begun_s = time.monotonic()
     with stopping_cleanly(), reporting(1 + len(directions)) as report:
-        bundle_dir = take(config, directions, out_dir, report)
+        bundle_dir = take(config, directions, out_dir, report, dem=dem)
     took_s = time.monotonic() - begun_s
     if not as_json:
         click.echo(bundle_dir)

@@ -7,9 +7,12 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from localizer.errors import SkyfixError
 from rig.attitude.magnetic_model import date_problem
 from rig.attitude.talker_headings import heading_doubts
 from rig.bus import sysfs
@@ -32,11 +35,16 @@ from rig.config import (
 )
 from rig.connect import open_altimeter, open_compass, open_inclinometer, open_pan_tilt
 from rig.dynamixel.scan import scan_hint
-from rig.errors import RigError, TransientError
+from rig.errors import DeviceError, RigError, TransientError
 from rig.fault_notes import collecting
 from rig.measure import read_altitude, read_level, utc_text
+from rig.pan_tilt import HeadState, PanTilt
+from rig.possible_altitude import AltitudeBounds, altitude_bounds
 from rig.readings import FieldReading, HeadingReading
 from rig.sensors.agreement import RELABELLED
+
+if TYPE_CHECKING:
+    from localizer.dem import Dem
 
 LEVEL_NOISE_LIMIT_DEG = 0.005
 SERVO_NOISE_LIMIT_DEG = 0.3
@@ -49,8 +57,11 @@ SERVO_STATES = 10
 DARK, BRIGHT = 3.0, 252.0
 
 
-def check_devices(config: RigConfig) -> list[DeviceCheck]:
-    """Connect to every configured device, all at once, and read it. A failure is in its row, not raised."""
+def check_devices(config: RigConfig, dem: "Dem | None" = None) -> list[DeviceCheck]:
+    """Connect to every configured device, all at once, and read it. A failure is in its row, not raised.
+
+    An altitude that the ground of ``dem`` cannot have is one.
+    """
     checks: list[tuple[str, Callable[[], DeviceCheck]]] = [
         ("pan and tilt", partial(check_pan_tilt, config.pan_tilt)),
         ("inclinometer", partial(check_inclinometer, config.inclinometer)),
@@ -58,7 +69,7 @@ def check_devices(config: RigConfig) -> list[DeviceCheck]:
     if config.compass:
         checks.append(("compass", partial(check_compass, config.compass, config.place)))
     if config.altimeter:
-        checks.append(("altimeter", partial(check_altimeter, config.altimeter)))
+        checks.append(("altimeter", partial(check_altimeter, config.altimeter, altitude_bounds(config, dem))))
     checks.append(("camera", partial(check_camera, config.camera)))
     with ThreadPoolExecutor(len(checks)) as pool:
         return [*pool.map(lambda check: _guarded(*check), checks), *check_clock()]
@@ -72,6 +83,24 @@ def check_clock() -> list[DeviceCheck]:
         return []
     remedy = "set it: from a GPS, the network or by hand (timedatectl), and give the computer a battery-backed clock"
     return [DeviceCheck("clock", "computer's clock", utc_text(now), "", (), (), f"{wrong}; {remedy}")]
+
+
+def check_all(
+    config: RigConfig, dem: "Dem | None" = None, dem_paths: Sequence[Path] = ()
+) -> list[DeviceCheck]:
+    """``check_devices`` against the ground of ``dem``, or of the files, or of what [run] searches. Files that cannot be read
+    are a row of their own.
+    """
+    from localizer.dem_options import DemChoice
+
+    paths = tuple(dem_paths) or (config.run.dem if config.run else ())
+    unread = []
+    if dem is None and paths:
+        try:
+            dem = DemChoice(tuple(paths)).load()
+        except SkyfixError as error:
+            unread = [DeviceCheck("elevation model", "", "", "", (), (), str(error))]
+    return [*check_devices(config, dem), *unread]
 
 
 def check_pan_tilt(section: PanTiltSection) -> DeviceCheck:
@@ -92,7 +121,11 @@ def check_pan_tilt(section: PanTiltSection) -> DeviceCheck:
             f"scatter of {scatter_deg:.2f} deg is above {SERVO_NOISE_LIMIT_DEG} deg: the head moves; shelter it from the wind, "
             "let nobody hold it"
         )
-        problems = [*last.alerts, *([moves] if scatter_deg > SERVO_NOISE_LIMIT_DEG else [])]
+        problems = [
+            *last.alerts,
+            *([moves] if scatter_deg > SERVO_NOISE_LIMIT_DEG else []),
+            *_turned_by_hand(head, last),
+        ]
         return DeviceCheck(
             "pan and tilt",
             head.identify(),
@@ -120,6 +153,14 @@ def _latency_hints(port: str) -> Sequence[str]:
         f"the adapter holds each answer back for {latency_ms} ms (latency_timer): echo 1 | sudo tee {file}, and for good the "
         "udev rule that rig service install brings (70-skyfix.rules)",
     )
+
+
+def _turned_by_hand(head: PanTilt, state: HeadState) -> list[str]:
+    try:
+        head.require_one_turn(state)
+    except DeviceError as error:
+        return [str(error)]
+    return []
 
 
 def check_inclinometer(section: InclinometerSection) -> DeviceCheck:
@@ -163,11 +204,11 @@ def check_compass(section: CompassSection, place: Place | None = None) -> Device
         return replace(found, reading="; ".join([found.reading, *doubts]))
 
 
-def check_altimeter(section: AltimeterSection) -> DeviceCheck:
-    """Pressure, and the altitude that it means."""
+def check_altimeter(section: AltimeterSection, bounds: Sequence[AltitudeBounds] | None = None) -> DeviceCheck:
+    """Pressure, and the altitude that it means, which has to lie within ``bounds``."""
     with closing(open_altimeter(section)) as barometer:
         with collecting() as faults:
-            altitude = read_altitude(barometer, section)
+            altitude = read_altitude(barometer, section, bounds)
         put_right = [note.problem for note in faults.all() if note.action == RELABELLED]
         temperature_c = altitude.raw["temperature_c"]
         pressure_hpa, scatter_hpa = altitude.raw["pressure_hpa"], altitude.raw["pressure_scatter_hpa"]

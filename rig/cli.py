@@ -72,8 +72,8 @@ def check(
 ) -> int:
     """Connect to every device and say how it is; nothing moves. Ends with status 1 if any device fails.
 
-    At a known place (--at, --dem) the head turns, and the DEM's skyline says whether the calibration still holds; status 1
-    where it does not.
+    The altitude is compared with [place] and with the ground of the DEM, that of [run] unless given. At a known place (--at,
+    --dem) the head turns, and the DEM's skyline says whether the calibration still holds; status 1 where it does not.
 
     \b
     Examples:
@@ -84,10 +84,10 @@ def check(
     place = known_place_of(at, dem_paths) if at is not None else None
 
     from rig import check_report
-    from rig.check import check_devices
+    from rig.check import check_all
 
     with stopping_cleanly():
-        results = check_devices(config)
+        results = check_all(config, place.dem if place else None, dem_paths)
         offsets = []
         if place is not None and all(result.ok for result in results):
             from rig.calibrate.boresight import check_boresight

@@ -248,7 +248,7 @@ class _AltimeterSection(Section):
 class I2cAltimeterSection(_AltimeterSection):
     """``[altimeter]``: a barometer chip."""
 
-    kind: Literal["bmp390", "bmp388", "ms5611"]
+    kind: Literal["bmp390", "bmp388", "ms5611", "ms5607"]
     bus: Bus
     address: I2cAddress
 
@@ -287,6 +287,11 @@ class CameraSection(Section):
     frames_per_direction: Annotated[int, Field(ge=1, le=100)] = 4
     exposure_settle_s: Annotated[float, Field(ge=0.0, le=30.0)] = 0.3
     exposure_url: Annotated[str, Field(pattern=r"^https?://.*\{ev\}")] | None = None
+    fourcc: Annotated[str, Field(pattern=r"^[0-9A-Za-z ]{4}$")] | None = None
+    exposure: Positive | None = None
+    gain: NonNegative | None = None
+    white_balance_k: Annotated[float, Field(ge=1000.0, le=20_000.0)] | None = None
+    focus: NonNegative | None = None
     open_timeout_s: Positive = 5.0
     read_timeout_s: Positive = 2.0
     boresight_azimuth_deg: Annotated[float, Field(ge=-45.0, le=45.0)] = 0.0
@@ -301,6 +306,20 @@ class CameraSection(Section):
         for key, value, size in (("cx_px", self.cx_px, self.width_px), ("cy_px", self.cy_px, self.height_px)):
             if not 0.0 <= value <= size - 1:
                 raise ValueError(f"{key} {value:g} lies outside the picture of {size} px")
+        return self
+
+    @property
+    def is_local(self) -> bool:
+        """Whether it is a video device of this computer, which is told things by its driver."""
+        return isinstance(self.source, int) or self.source.startswith("/dev/")
+
+    @model_validator(mode="after")
+    def _driver_keys_are_for_a_local_camera(self) -> Self:
+        for key in ("fourcc", "exposure", "gain", "white_balance_k", "focus"):
+            if getattr(self, key) is not None and not self.is_local:
+                raise ValueError(
+                    f"{key} is told to the driver of a camera of this computer; source is a stream"
+                )
         return self
 
 

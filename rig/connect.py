@@ -75,8 +75,10 @@ def open_compass(section: CompassSection) -> Compass:
 def open_altimeter(section: AltimeterSection) -> Altimeter:
     """The barometer chip or the talker."""
     if isinstance(section, I2cAltimeterSection):
-        if section.kind == "ms5611":
-            return Reviving(partial(open_chip, Ms5611, section.bus, section.address))
+        if section.kind == "ms5611" or section.kind == "ms5607":
+            return Reviving(
+                partial(open_chip, partial(Ms5611, model=section.kind), section.bus, section.address)
+            )
         return Reviving(partial(open_chip, partial(Bmp3, model=section.kind), section.bus, section.address))
     if section.kind == "nmea":
         return Reviving(

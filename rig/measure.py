@@ -22,6 +22,7 @@ from rig.connect import Altimeter, Inclinometer, Rig
 from rig.errors import DeviceError
 from rig.fault_notes import note_fault
 from rig.pan_tilt import HeadState
+from rig.possible_altitude import AltitudeBounds, bounds_by_reference, require_possible
 
 _log = logging.getLogger(__name__)
 
@@ -107,9 +108,18 @@ def read_level(
     return whole, early, late
 
 
-def read_altitude(altimeter: Altimeter, section: AltimeterSection) -> AltitudeReading:
-    """Altitude by the mean pressure of half a second. ``DeviceError`` where no ground lies that high or low."""
-    return altitude_from(read_pressure(altimeter, ALTIMETER_AVERAGE_S), section)
+def read_altitude(
+    altimeter: Altimeter, section: AltimeterSection, bounds: Sequence[AltitudeBounds] | None = None
+) -> AltitudeReading:
+    """Altitude by the mean pressure of half a second. ``DeviceError`` where that is beyond the bounds or no ground is.
+
+    Without bounds those of the reference hold, where the chip has a double.
+    """
+    mean = read_pressure(altimeter, ALTIMETER_AVERAGE_S)
+    read = altitude_from(mean, section)
+    known = bounds_by_reference(section) if bounds is None else bounds
+    require_possible(read.altitude_m, mean.pressure_hpa, section, mean.device, known)
+    return read
 
 
 def read_pressure(altimeter: Altimeter, duration_s: float) -> MeanPressure:

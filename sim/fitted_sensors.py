@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.devices.adxl355 import Adxl355
+from sim.devices.adxl355 import Adxl355, Adxl357
 from sim.devices.bmp3 import Bmp3
 from sim.devices.i2c_chip import PoweredChip
-from sim.devices.iis2iclx import Iis2iclx
+from sim.devices.iis2iclx import Iis2iclx, Ism330dhcx
 from sim.devices.mmc5983ma import Mmc5983ma
-from sim.devices.ms5611 import Ms5611
+from sim.devices.ms5611 import Ms5607, Ms5611
 from sim.devices.talker_quirks import BAROMETER_QUIRKS, COMPASS_QUIRKS
 from sim.devices.talkers import BAROMETERS, COMPASSES, Air, Heading, Talker
 from sim.mechanics import JointState
@@ -30,6 +30,12 @@ SELF_HEATING_C = 2.0
 QUIETEST_UG_RTHZ, QUIETEST_UT, QUIETEST_PA = 5.0, 0.02, 0.5
 """No chip is free of noise, not even in an ideal world: one that repeats itself has stopped converting."""
 
+ACCELEROMETERS: dict[str, type[Adxl355] | type[Iis2iclx]] = {
+    "adxl355": Adxl355,
+    "adxl357": Adxl357,
+    "iis2iclx": Iis2iclx,
+    "ism330dhcx": Ism330dhcx,
+}
 MOUNTING = {"adxl355": ("+y", "-x", "+z"), "iis2iclx": ("-x", "-y", "+z"), "mmc5983ma": ("-y", "+x", "+z")}
 """How each chip is soldered: its axis that points right, forward and up."""
 
@@ -72,7 +78,7 @@ def inclinometer(world: World, head: HeadNow, clock: Clock) -> FittedChip:
             seen_g = seen_g + shaking.normal(0.0, world.vehicle.shaken_mg / 1000.0, 3)
         return to_chip @ seen_g
 
-    chip = (Adxl355 if wanted.chip == "adxl355" else Iis2iclx)(
+    chip = ACCELEROMETERS[wanted.soldered or wanted.chip](
         acceleration_g,
         lambda: world.air_temperature_c + SELF_HEATING_C,
         clock=clock,
@@ -165,8 +171,10 @@ def altimeter(
         return FittedTalker(talker, {"kind": kind, "baud": TALKER_BAUD})
     noise_pa = max(100.0 * wanted.noise_hpa, QUIETEST_PA)
     chip: PoweredChip
-    if wanted.kind == "ms5611":
-        chip = Ms5611(pressure_pa, chip_temperature_c, clock=clock, rng=rng, noise_pa=noise_pa)
+    if wanted.kind in ("ms5611", "ms5607"):
+        chip = (Ms5611 if (wanted.soldered or wanted.kind) == "ms5611" else Ms5607)(
+            pressure_pa, chip_temperature_c, clock=clock, rng=rng, noise_pa=noise_pa
+        )
     else:
         chip = Bmp3(wanted.kind, pressure_pa, chip_temperature_c, clock=clock, rng=rng, noise_pa=noise_pa)
     return FittedChip(chip, BUS_IN_THE_BASE, {"kind": wanted.kind, "address": chip.address})

@@ -272,7 +272,8 @@ def _joint_keys(world: World, joint: Joint) -> dict[str, Any]:
 
 def _servo(world: World, joint: Joint, clock: Callable[[], float]) -> Servo:
     fitted, model = world.scenario.servo, MODELS[_model_name(world, joint)]
-    return Servo(
+    left = fitted.pan_left if joint is PAN else fitted.tilt_left
+    servo = Servo(
         replace(model, speed_deg_s=min(fitted.max_velocity_deg_s, model.speed_deg_s)),
         joint.servo_id,
         clock=clock,
@@ -286,8 +287,12 @@ def _servo(world: World, joint: Joint, clock: Callable[[], float]) -> Servo:
         ),
         supply_v=fitted.supply_voltage_v,
         temperature_c=world.air_temperature_c + 12.0,
-        eeprom={"baud_rate": BAUD_RATES.index(BAUD), "return_delay_time": RETURN_DELAY_2US},
+        eeprom={"baud_rate": BAUD_RATES.index(BAUD), "return_delay_time": RETURN_DELAY_2US, **left},
     )
+    turned_deg = fitted.pan_turned_deg if joint is PAN else fitted.tilt_turned_deg
+    if turned_deg:
+        servo.turn_by_hand(turned_deg * joint.direction)
+    return servo
 
 
 def _camera(world: World, head: Callable[[], JointState], picture: Picture) -> CameraStream:

@@ -170,7 +170,7 @@ def replaying(path: Path) -> Iterator[Replay]:
             names[name] = port.path
             say = notes.about(name)
             if name in asked:
-                servos = ReplayedServos(by_port[name], say)
+                servos = ReplayedServos(by_port[name], say, _models(config))
                 notes.watch(name, by_port[name], servos)
                 head = head or servos
                 port.answer(servos.answer)
@@ -188,6 +188,17 @@ def replaying(path: Path) -> Iterator[Replay]:
         config_path = folder / "rig.toml"
         config_path.write_text(toml(renamed(config, names)), encoding="utf-8")
         yield Replay(config_path, {"SKYFIX_CONFIG": str(config_path), **_clock_of_then(path, folder)}, notes)
+
+
+def _models(config: Mapping[str, Any]) -> dict[int, str]:
+    """The servos' models by id, as far as the log's configuration names them."""
+    head = config.get("pan_tilt")
+    servos = [head.get(axis) for axis in ("pan", "tilt")] if isinstance(head, dict) else []
+    return {
+        each["id"]: str(each.get("model"))
+        for each in servos
+        if isinstance(each, dict) and isinstance(each.get("id"), int)
+    }
 
 
 def _bridge(

@@ -8,6 +8,7 @@ from typing import Any
 from sim.devices.dynamixel_packet import HEADER, Instruction, Request, RequestReader
 from sim.devices.pty_port import PtyPort
 from sim.recorded import Asked, Recorded, epoch_heard
+from sim.replay_registers import RESERVED, set_up_answer
 
 NO_ACKNOWLEDGE = 121
 LISTENER_S = 0.3
@@ -71,9 +72,10 @@ class ReplayedChip:
                 exchange, skipped = self._recorded.answer(longer), begin
                 break
         if exchange is None:
-            self._say(
-                f"holds no transfer that writes {write.hex(' ') or 'nothing'} and reads {read_length} bytes"
-            )
+            if (self.address, write, read_length) not in RESERVED:
+                self._say(
+                    f"holds no transfer that writes {write.hex(' ') or 'nothing'} and reads {read_length} bytes"
+                )
             exchange = {"errno": NO_ACKNOWLEDGE}
         if "errno" in exchange:
             raise OSError(exchange["errno"], os.strerror(exchange["errno"]))
@@ -99,8 +101,12 @@ class ReplayedChip:
 class ReplayedServos:
     """A bus of servos, or another device that answers on a serial port, which answers as it did."""
 
-    def __init__(self, exchanges: Sequence[tuple[Exchange, int]], say: Say) -> None:
+    def __init__(
+        self, exchanges: Sequence[tuple[Exchange, int]], say: Say, models: Mapping[int, str] | None = None
+    ) -> None:
+        """``models`` by id: what such a servo has from the factory is answered where it was not asked for then."""
         self._say = say
+        self._models = models or {}
         self._reader = RequestReader()
         asked: list[Asked[bytes]] = []
         request, answer, since = b"", b"", 0
@@ -132,6 +138,8 @@ class ReplayedServos:
 
     def _answer(self, request: Request | bytes) -> bytes:
         answer = self._recorded.answer(self._made_then(request))
+        if answer is None and isinstance(request, Request):
+            answer = set_up_answer(request, self._models) or None
         if answer is None:
             of_pictures = (
                 ": a capture looks where the pictures say, which no log holds"

@@ -8,11 +8,14 @@ from typing import Annotated, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from sim.devices.x_series import MODELS
 from sim.errors import SimulationError
 
 InclinometerChip = Literal["adxl355", "iis2iclx"]
+SolderedInclinometer = Literal["adxl355", "adxl357", "iis2iclx", "ism330dhcx"]
+SolderedAltimeter = Literal["ms5611", "ms5607"]
 CompassKind = Literal["mmc5983ma", "hdg", "hdm", "hdt", "ths", "ptnthpr", "ohpr", "os5000"]
-AltimeterKind = Literal["bmp390", "bmp388", "ms5611", "xdr", "mda", "vaisala-pa50"]
+AltimeterKind = Literal["bmp390", "bmp388", "ms5611", "ms5607", "xdr", "mda", "vaisala-pa50"]
 CompassQuirk = Literal[
     "variation-zero", "variation-as-deviation", "variation-twice", "magnetic-as-true", "true-marked-magnetic", "no-value",
     "manual", "no-checksum", "carriage-return", "zero-byte", "tagged", "whole-degrees", "two-compasses", "hdg-and-hdm",
@@ -89,12 +92,38 @@ class Servo(Section):
     swing_deg: NonNegative = 0.1  # the head swings on after a stop from 60 deg/s, and comes to rest
     max_velocity_deg_s: Positive = 240.0  # what the motor reaches whatever its profile asks for
     supply_voltage_v: Positive = 12.0
+    pan_turned_deg: Finite = 0.0  # by hand since the power came on, from where the head is parked
+    tilt_turned_deg: Finite = 0.0
+    pan_left: dict[str, int] = Field(
+        default_factory=dict
+    )  # registers as another program left them: homing_offset = 500
+    tilt_left: dict[str, int] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _registers_are_known(self) -> "Servo":
+        for key, model, left in (
+            ("pan_left", self.pan_model, self.pan_left),
+            ("tilt_left", self.tilt_model, self.tilt_left),
+        ):
+            known = {field.name: field for field in MODELS[model].fields if field.low is not None}
+            for name, value in left.items():
+                field = known.get(name)
+                if field is None:
+                    raise ValueError(f"{key}: an {model} has no register {name!r} to write")
+                assert field.low is not None
+                assert field.high is not None
+                if not field.low <= value <= field.high:
+                    raise ValueError(f"{key}: {name} is {field.low} to {field.high}, not {value}")
+        return self
 
 
 class Inclinometer(Section):
     """Accelerometer in the head."""
 
     chip: InclinometerChip = "adxl355"
+    soldered: SolderedInclinometer | None = (
+        None  # what really is fitted, where that is not what is written on it
+    )
     noise_density_ug_rthz: NonNegative = 22.5
     zero_offset_sigma_mg: NonNegative = 0.2  # per axis, what is left after zeroing
     temperature_drift_sigma_mg_c: NonNegative = 0.02  # per axis and degree away from 20 C, where zeroed
@@ -133,6 +162,7 @@ class Altimeter(Section):
     kind: AltimeterKind = "bmp390"
     quirk: BarometerQuirk | None = None  # of a talker
     on_compass_port: bool = False  # one serial stream carries both talkers
+    soldered: SolderedAltimeter | None = None  # what really is fitted instead of an ms5611 or ms5607
     noise_hpa: NonNegative = 0.01  # per reading
     bias_sigma_hpa: NonNegative = 0.25
     reference_sigma_hpa: NonNegative = 0.1  # error of the pressure written down

@@ -26,11 +26,12 @@ from rig.attitude.heading import (
 from rig.attitude.kinematics import Attitude, JointAngles
 from rig.attitude.level import BaseLevel, HeadLevel, LevelReading, LevelSigmas, base_level, in_axes
 from rig.attitude.talker_headings import true_headings
+from rig.attitude.tilt_agreement import require_agreement
 from rig.bus.retry import retry
 from rig.clock import utc_now
 from rig.config import CompassSection, Mmc5983maSection, Place, RigConfig
 from rig.connect import Rig
-from rig.errors import ConfigError, DeviceError
+from rig.errors import ConfigError, DeviceError, GoalError
 from rig.fault_notes import note_fault
 from rig.measure import require_stood, still_level, utc_text
 from rig.pan_tilt import HeadState
@@ -39,6 +40,8 @@ from rig.readings import FieldReading, HeadingReading
 CompassReading = FieldReading | HeadingReading
 
 READING_SHARE = 0.4  # of average_s at each pan angle: there are several of them
+NOD_DEG, NOD_READING_S = 10.0, 0.2
+TWO_AXES = ("iis2iclx",)
 NO_COMPASS = TrueHeading(0.0, NO_COMPASS_SIGMA_DEG, None)
 HEADING_OF_STOPS = "heading from the stops before it"
 DISTURBED_DEG, DISTURBED_FACTOR = 2.0, 3.0
@@ -88,8 +91,30 @@ class Standing:
 def measure_standing(rig: Rig) -> Standing:
     """Turn the head through the configured pan angles, at tilt 0, and read inclinometer and compass at each."""
     duration_s = rig.config.inclinometer.average_s * READING_SHARE
-    stops = [read_stop(rig, JointAngles(pan_deg, 0.0), duration_s) for pan_deg in _in_passing(rig)]
-    return standing_from(rig.config, stops, rig.compass.identify() if rig.compass else None)
+    pans_deg = _in_passing(rig)
+    nod = _nod(rig, pans_deg[0]) if rig.config.inclinometer.chip in TWO_AXES else None
+    stops = [read_stop(rig, JointAngles(pan_deg, 0.0), duration_s) for pan_deg in pans_deg]
+    standing = standing_from(rig.config, stops, rig.compass.identify() if rig.compass else None)
+    if nod:
+        measured_deg = nod.level.tilt_deg - standing.level.tilt_zero_deg
+        require_agreement(standing.attitude, nod.joints, measured_deg, rig.inclinometer.identify())
+    return standing
+
+
+def _nod(rig: Rig, pan_deg: float) -> LevelReading | None:
+    """The level at a tilt of its own, which shows the scale of a chip that cannot see all of gravity.
+
+    None where limits and keep-out zones leave no room for it.
+    """
+    tilt = rig.config.pan_tilt.tilt
+    for tilt_deg in (min(NOD_DEG, tilt.max_deg), max(-NOD_DEG, tilt.min_deg)):
+        try:
+            state = rig.pan_tilt.go_to(pan_deg, tilt_deg)
+        except GoalError:
+            continue
+        level, _ = still_level(rig, NOD_READING_S)
+        return LevelReading(JointAngles(state.pan_deg, state.tilt_deg), level)
+    return None
 
 
 def standing_from(

@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -31,8 +31,9 @@ from rig.config import Servo as ServoSection
 from rig.connect import open_altimeter, open_compass, open_inclinometer
 from rig.dynamixel.servo import Servo, read_states, require_models
 from rig.dynamixel.servo_bus import ServoBus
-from rig.errors import RigError
+from rig.errors import DeviceError, RigError
 from rig.measure import altitude_from, read_level, read_pressure
+from rig.possible_altitude import AltitudeBounds, altitude_bounds, require_possible
 from rig.readings import FieldReading, HeadingReading
 
 HEAD_PAUSE_S = 0.2
@@ -71,7 +72,7 @@ def sources_of(config: RigConfig) -> dict[str, Opener]:
     if config.compass:
         found["compass"] = partial(_compass, config.compass, config.place)
     if config.altimeter:
-        found["altimeter"] = partial(_altimeter, config.altimeter)
+        found["altimeter"] = partial(_altimeter, config.altimeter, altitude_bounds(config))
     return {**found, "camera": partial(_camera, config.camera)}
 
 
@@ -82,11 +83,21 @@ def _head(section: PanTiltSection) -> Iterator[Source]:
         joints = {"pan": section.pan, "tilt": section.tilt}
         servos = {name: Servo(bus, joint.id, joint.model, name) for name, joint in joints.items()}
         firmware = retry(partial(require_models, bus, {joint.id: joint.model for joint in joints.values()}))
+        for servo in servos.values():
+            retry(servo.answer_reads)
         identity = ", ".join(
             f"{name} {joint.model} firmware {firmware[joint.id]} (id {joint.id})"
             for name, joint in joints.items()
         )
         yield Source(identity, partial(_read_head, bus, servos, joints))
+
+
+def _turned_by_hand(servo: Servo, position_tick: int) -> list[str]:
+    try:
+        servo.require_one_turn(position_tick)
+    except DeviceError as error:
+        return [f"{servo.name}: {error.problem}; turn it back by hand"]
+    return []
 
 
 def _read_head(bus: ServoBus, servos: Mapping[str, Servo], joints: Mapping[str, ServoSection]) -> Reading:
@@ -96,6 +107,7 @@ def _read_head(bus: ServoBus, servos: Mapping[str, Servo], joints: Mapping[str, 
     values: dict[str, Any] = {}
     for (name, servo), state in zip(servos.items(), states, strict=True):
         values[f"{name}_deg"] = round(joints[name].angle_deg(state.position_tick), 3)
+        warnings += _turned_by_hand(servo, state.position_tick)
         if state.alert:
             warnings += [f"{servo.name}: {error}" for error in retry(servo.hardware_errors)]
     values |= {
@@ -176,7 +188,7 @@ def _field(readings: list[FieldReading], section: Mmc5983maSection) -> Reading:
 
 
 @contextmanager
-def _altimeter(section: AltimeterSection) -> Iterator[Source]:
+def _altimeter(section: AltimeterSection, bounds: Sequence[AltitudeBounds]) -> Iterator[Source]:
     with closing(open_altimeter(section)) as barometer:
 
         def read() -> Reading:
@@ -188,6 +200,12 @@ def _altimeter(section: AltimeterSection) -> Iterator[Source]:
                 "altitude_sigma_m": round(altitude.sigma_m, 2),
                 "temperature_c": _rounded(pressure.temperature_c),
             }
+            try:
+                require_possible(
+                    altitude.altitude_m, pressure.pressure_hpa, section, barometer.identify(), bounds
+                )
+            except DeviceError as error:
+                return Reading(values, time.monotonic(), (f"{error.problem}; {error.remedy}",))
             return Reading(values, time.monotonic())
 
         yield Source(barometer.identify(), read)

@@ -164,7 +164,7 @@ def test_directions_may_be_degrees(tmp_path: Path) -> None:
         (
             '^kind = "bmp390"',
             'kind = "bmp"',
-            "[altimeter] kind: 'bmp' is none of bmp390, bmp388, ms5611, nmea, vaisala-pa50",
+            "[altimeter] kind: 'bmp' is none of bmp390, bmp388, ms5611, ms5607, nmea, vaisala-pa50",
         ),
         ('^kind = "bmp390".*?$', "", "[altimeter] kind: missing key"),
         (
