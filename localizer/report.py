@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Annotated, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pyproj import CRS
 from pyproj.exceptions import CRSError
@@ -16,6 +15,7 @@ from localizer.details import CONTRADICTS, LocateDetails, LocateResult
 from localizer.errors import SkyfixError
 from localizer.fix import Fix, Position
 from localizer.geodesy import meridian_convergence_deg
+from localizer.ground import ground_distance_m, ground_offset_m
 
 CHI2_95 = 5.991
 """95 % of a normal distribution in the plane lies within this squared distance in sigmas."""
@@ -38,15 +38,18 @@ class Truth(BaseModel):
 
     def metric(self, dem: Dem) -> tuple[float, float]:
         """Easting and northing in ``dem.metric_crs``."""
+        return self.within(dem.metric_crs)
+
+    def within(self, crs: CRS | str) -> tuple[float, float]:
+        """Easting and northing in another projected CRS."""
         easting_m, northing_m = transform_xy(
-            CRS.from_user_input(self.crs), dem.metric_crs, self.easting_m, self.northing_m
+            CRS.from_user_input(self.crs), CRS.from_user_input(crs), self.easting_m, self.northing_m
         )
         return float(easting_m), float(northing_m)
 
     def distance_m(self, position: Position, dem: Dem) -> float:
-        """How far the position found lies from the true one, in the map's metres."""
-        easting_m, northing_m = self.metric(dem)
-        return float(np.hypot(position.easting_m - easting_m, position.northing_m - northing_m))
+        """How far on the ground the position found lies from the true one."""
+        return ground_distance_m(dem.metric_crs, _place(position), self.metric(dem))
 
 
 class EllipseAxes(NamedTuple):
@@ -92,11 +95,12 @@ def sigmas_off(fix: Fix, truth: Truth, dem: Dem) -> float:
     """The error of a fix in its own standard deviations (Mahalanobis distance)."""
     assert fix.position is not None
     assert fix.covariance_m2 is not None
-    easting_m, northing_m = truth.metric(dem)
-    off_m: NDArray[np.float64] = np.array(
-        [fix.position.easting_m - easting_m, fix.position.northing_m - northing_m]
-    )
+    off_m = ground_offset_m(dem.metric_crs, _place(fix.position), truth.metric(dem))
     return float(np.sqrt(off_m @ np.linalg.solve(np.array(fix.covariance_m2), off_m)))
+
+
+def _place(position: Position) -> tuple[float, float]:
+    return position.easting_m, position.northing_m
 
 
 def lat_lon(position: Position) -> str:

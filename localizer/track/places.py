@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 from pyproj import Geod
 
+from localizer.crs import wrapped_lon_deg
+
 Floats = NDArray[np.float64]
 Matrix = tuple[tuple[float, float], tuple[float, float]]
 
@@ -144,4 +146,4 @@ def _point(start: Place, step_m: Floats) -> tuple[float, float]:
     """Latitude and longitude a step (2,) to the east and north of a place's centre."""
     azimuth_deg = float(np.degrees(np.arctan2(step_m[0], step_m[1])))
     lon_deg, lat_deg, _ = GEOD.fwd(start.lon_deg, start.lat_deg, azimuth_deg, float(np.hypot(*step_m)))
-    return float(lat_deg), float(lon_deg)
+    return float(lat_deg), wrapped_lon_deg(lon_deg)

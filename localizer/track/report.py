@@ -4,9 +4,10 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from localizer.crs import wrapped_lon_deg
 from localizer.dem import Dem
 from localizer.fix import Fix, Probability
-from localizer.geodesy import enu_to_metric_jacobian, lonlat_to_rowcol, rowcol_to_metric
+from localizer.geodesy import lonlat_to_rowcol, map_metres_at, rowcol_to_metric
 from localizer.report import ellipse, lat_lon
 from localizer.track.mixture import Posterior
 from localizer.track.places import Matrix, matrix
@@ -27,7 +28,7 @@ class TrackHypothesis(_Part):
     row: float
     col: float
     covariance_m2: Matrix
-    """Of easting and northing."""
+    """Of easting and northing, metres of the ground."""
     probability: Probability
     seen: bool
 
@@ -67,15 +68,15 @@ def _hypothesis(posterior: Posterior, dem: Dem) -> TrackHypothesis:
     at = posterior.hypothesis.place
     row, col = lonlat_to_rowcol(dem, at.lon_deg, at.lat_deg)
     easting_m, northing_m = rowcol_to_metric(dem, row, col)
-    turn = enu_to_metric_jacobian(dem, row, col)
+    here = map_metres_at(dem, float(row), float(col))
     return TrackHypothesis(
         easting_m=float(easting_m),
         northing_m=float(northing_m),
         lat_deg=at.lat_deg,
-        lon_deg=at.lon_deg,
+        lon_deg=wrapped_lon_deg(at.lon_deg),
         row=float(row),
         col=float(col),
-        covariance_m2=matrix(turn @ at.covariance @ turn.T),
+        covariance_m2=matrix(here.ground_covariance(at.covariance)),
         probability=posterior.hypothesis.probability,
         seen=posterior.number is not None,
     )

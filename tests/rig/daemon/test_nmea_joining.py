@@ -52,9 +52,12 @@ def test_who_has_been_there_before_is_not_disturbed_by_who_comes():
 
 
 def test_without_a_fix_nothing_is_said_twice():
-    with publishing(section(every_s=0.3), Board()) as publisher:
-        with socket.create_connection(publisher.tcp, SOON_S) as client, client.makefile("rb") as lines:
-            kinds = [NMEAReader.parse(lines.readline()).msgID for _ in range(7)]
+    with (
+        publishing(section(every_s=0.3), Board()) as publisher,
+        socket.create_connection(publisher.tcp, SOON_S) as client,
+        client.makefile("rb") as lines,
+    ):
+        kinds = [NMEAReader.parse(lines.readline()).msgID for _ in range(7)]
     assert kinds == ["ZDA", "RMC", "GGA", "GBS", "GST", "GLL", "ZDA"]
 
 
