@@ -57,6 +57,8 @@ class Answer:
     vehicle_heading_deg: float | None
     """Of the vehicle's forward axis, from true north, corrected by the solved azimuth bias."""
     vehicle_heading_sigma_deg: float | None
+    before_start: bool = False
+    """Captured before the daemon began: nobody watched meanwhile whether the vehicle moved, so it is never current."""
 
 
 @dataclass(frozen=True)
@@ -187,6 +189,11 @@ class Board:
             self._now = dataclasses.replace(self._now, last=answer, last_fix=last_fix)
             self._counts[f"answers {answer.fix.status}"] += 1
             self._tell("answer", {"bundle": answer.bundle, "status": answer.fix.status, "mode": answer.mode})
+
+    def restore(self, last: Answer, last_fix: Answer | None) -> None:
+        """Take over what was known before a restart. No event, and nothing to count: it has happened already."""
+        with self._lock:
+            self._now = dataclasses.replace(self._now, last=last, last_fix=last_fix)
 
     def set_moving(self) -> None:
         """Say that the vehicle moves at this moment; no event, for it may be said many times a second."""

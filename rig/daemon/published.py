@@ -66,6 +66,8 @@ def lapsed(answer: Answer, snapshot: Snapshot, now: Instant, valid_s: float) -> 
     age_s = now.monotonic_s - answer.captured.monotonic_s
     if not 0.0 <= age_s <= valid_s:
         return f"captured {age_s:.0f} s ago"
+    if answer.before_start:
+        return "captured before the restart, and nobody has seen since whether the vehicle moved"
     if snapshot.moved is not None and snapshot.moved.monotonic_s > answer.captured.monotonic_s:
         return "the vehicle has moved on"
     return None

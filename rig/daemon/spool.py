@@ -21,7 +21,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Self
 
-from localizer.bundle import FILE_NAME
+from pydantic import ValidationError
+
+from localizer.bundle import FILE_NAME, Bundle
 from localizer.track.odometry import Movement
 from localizer.track.tracker import Tracker
 from rig.bundle.writer import LEAST_FREE_BYTES
@@ -222,6 +224,16 @@ class Spool:
         rows = self._read("SELECT answer FROM bundles WHERE bundle = ? AND answer IS NOT NULL", bundle_id)
         return ANSWER.validate_json(rows[0][0]) if rows else None
 
+    def latest(self) -> tuple[tuple[Answer, str | None] | None, tuple[Answer, str | None] | None]:
+        """The newest bundle's answer, and the newest that is a fix, each with the computer's run of its capture."""
+        found = []
+        for wanted in ("", "AND json_extract(answer, '$.fix.status') = 'fix' "):
+            rows = self._read(
+                f"SELECT answer, boot FROM bundles WHERE answer IS NOT NULL {wanted}ORDER BY number DESC LIMIT 1"
+            )
+            found.append((ANSWER.validate_json(rows[0][0]), rows[0][1]) if rows else None)
+        return found[0], found[1]
+
     def count(self, state: BundleState) -> int:
         """How many bundles that are here are in a state."""
         return int(self._read("SELECT count(*) FROM bundles WHERE here AND state = ?", state)[0][0])
@@ -277,7 +289,7 @@ class Spool:
 
     def _take_in(self, db: sqlite3.Connection, name: str, intent: Mapping[str, Any]) -> None:
         folder = self.bundles_dir / name
-        captured = datetime.fromtimestamp((folder / FILE_NAME).stat().st_mtime, UTC).isoformat()
+        captured = _captured(folder / FILE_NAME).isoformat()
         trigger, boot, leg = intent.get("trigger", "found"), intent.get("boot"), intent.get("leg")
         db.execute(
             "INSERT INTO bundles (bundle, captured, trigger, boot, leg, bytes, state) "
@@ -324,6 +336,14 @@ class Spool:
                 if self._db.in_transaction:
                     self._db.execute("ROLLBACK")
                 raise SpoolError(f"{self.folder / 'index.sqlite'}: {error}; is the disk full?") from error
+
+
+def _captured(file: Path) -> datetime:
+    """When a bundle's last frame was taken, by what it says itself; of one that cannot be read, when it was written."""
+    try:
+        return max(frame.time for frame in Bundle.model_validate_json(file.read_bytes()).frames)
+    except (ValidationError, ValueError):
+        return datetime.fromtimestamp(file.stat().st_mtime, UTC)
 
 
 def _size_bytes(folder: Path) -> int:

@@ -81,7 +81,7 @@ class TcpBroadcast:
 
     def _accept(self) -> None:
         try:
-            client, _ = self._listener.accept()
+            client, address = self._listener.accept()
         except (
             OSError
         ) as error:  # gone again already; or no descriptor is left, and then it would fail on and on
@@ -89,7 +89,7 @@ class TcpBroadcast:
             self._selector.unregister(self._listener)  # until the next ``send``
             return
         if len(self._waiting) >= MOST_CLIENTS:
-            _log.warning("nmea: a client was turned away: %d are connected", MOST_CLIENTS)
+            _log.warning("nmea: %s was turned away: %d clients are connected", address[0], MOST_CLIENTS)
             client.close()
             return
         client.setblocking(False)

@@ -138,7 +138,7 @@ def _add_state(app: FastAPI, section: HttpServer, board: Board, can_act: bool) -
         snapshot = board.snapshot()
         last = newest(snapshot)
         if last is None:
-            raise HTTPException(404, "no answer yet: nothing has been located since the start")
+            raise HTTPException(404, "no answer yet: nothing has been located")
         return latest_answer(last, snapshot, section.valid_s, Instant.now())
 
     @app.get("/status", tags=["state"])
