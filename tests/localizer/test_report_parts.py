@@ -31,12 +31,18 @@ def terrain():
     return dem_from_array(z_m, Affine(1 / 3600, 0.0, -122.2, 0.0, -1 / 3600, 37.3), CRS.from_epsg(4326))
 
 
+def quick_page(_bundle, _images, _result, _dem, _places, _posterior, files, _truth, missing):
+    return "\n".join([*missing, *(f'href="{name}"' for name, _ in files)])
+
+
 def fails(*_args, **_options):
     raise ValueError("longitude out of range")
 
 
 @pytest.fixture
-def written(bundle_dir, tmp_path):
+def written(bundle_dir, tmp_path, monkeypatch):
+    """Writes a report, with a page that takes no time to draw, and returns its folder and what went wrong."""
+    monkeypatch.setattr(folder_module, "page", quick_page)
     bundle = load_bundle(bundle_dir)
     images = {frame.label: np.full((12, 16, 3), 90, np.uint8) for frame in bundle.frames}
 
@@ -92,6 +98,17 @@ def test_even_without_the_places_there_is_a_page(written, monkeypatch, broken):
     assert error is not None
     if broken == "posterior":
         assert {path.name for path in target.iterdir()} == ALL - {"posterior.tif"}
+
+
+def test_the_page_itself_names_what_is_missing(bundle_dir, tmp_path, monkeypatch):
+    monkeypatch.setattr(folder_module, "fix_gpx", fails)
+    bundle, dem = load_bundle(bundle_dir), terrain()
+    images = {frame.label: np.full((12, 16, 3), 90, np.uint8) for frame in bundle.frames}
+    prepare_folder(tmp_path / "report")
+    with pytest.raises(SkyfixError, match=r"fix\.gpx"):
+        write_report(tmp_path / "report", bundle, images, a_result(dem, [(20.0, 30.0, 0.999)]), dem)
+    html = (tmp_path / "report" / "report.html").read_text()
+    assert "fix.gpx: could not be made (ValueError: longitude out of range" in html
 
 
 def test_a_whole_report_fails_nothing(written):
