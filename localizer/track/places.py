@@ -10,7 +10,7 @@ from typing import Annotated, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 from pyproj import Geod
 
 from localizer.crs import wrapped_lon_deg
@@ -31,7 +31,7 @@ class Place(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     lat_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
-    lon_deg: float
+    lon_deg: Annotated[float, AfterValidator(wrapped_lon_deg)]
     covariance_enu_m2: Matrix
     common_enu_m2: Matrix = ((0.0, 0.0), (0.0, 0.0))
     """The part of ``covariance_enu_m2`` that other looks share."""

@@ -1,8 +1,8 @@
 """What became of each bundle, for people (a line) and for programs (``skyfix.track/1``)."""
 
-from typing import Literal
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from localizer.crs import wrapped_lon_deg
 from localizer.dem import Dem
@@ -24,7 +24,7 @@ class TrackHypothesis(_Part):
     easting_m: float
     northing_m: float
     lat_deg: float
-    lon_deg: float
+    lon_deg: Annotated[float, AfterValidator(wrapped_lon_deg)]
     row: float
     col: float
     covariance_m2: Matrix
@@ -73,7 +73,7 @@ def _hypothesis(posterior: Posterior, dem: Dem) -> TrackHypothesis:
         easting_m=float(easting_m),
         northing_m=float(northing_m),
         lat_deg=at.lat_deg,
-        lon_deg=wrapped_lon_deg(at.lon_deg),
+        lon_deg=at.lon_deg,
         row=float(row),
         col=float(col),
         covariance_m2=matrix(here.ground_covariance(at.covariance)),

@@ -1,13 +1,14 @@
 """All paths of the server."""
 
 import asyncio
+import re
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
 import anyio.to_thread
-from fastapi import Depends, FastAPI, HTTPException, Request
+from fastapi import Depends, FastAPI, Header, HTTPException, Request
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 from fastapi.staticfiles import StaticFiles
 from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
@@ -161,11 +162,24 @@ def _add_events(app: FastAPI, relay: Relay) -> None:
         response_class=EventSourceResponse,
         responses={503: {"model": Problem, "description": "Too many read them already."}},
     )
-    async def events(waiting: Annotated[Stream, Depends(stream)]) -> AsyncIterator[ServerSentEvent]:
-        """Server-sent events as they happen, each a JSON object (as in /log); a comment where nothing does."""
+    async def events(
+        waiting: Annotated[Stream, Depends(stream)],
+        last_event_id: Annotated[str | None, Header()] = None,
+    ) -> AsyncIterator[ServerSentEvent]:
+        """Server-sent events as they happen, each a JSON object (as in /log); a comment where nothing does.
+
+        Begins with what was missed since ``Last-Event-ID``; without it with the latest answer, if there is one.
+        """
         yield ServerSentEvent(comment="skyfix", retry=3000)
-        while (event := await waiting.get()) is not None:
+        told = -1
+        number = re.fullmatch(r"[0-9]{1,18}", last_event_id or "")  # whatever else it says is none of ours
+        for event in relay.before(int(number[0]) if number else None):
+            told = event.number
             yield ServerSentEvent(data=log_event(event), event=event.kind, id=str(event.number))
+        while (event_or_end := await waiting.get()) is not None:
+            event = event_or_end
+            if event.number > told:
+                yield ServerSentEvent(data=log_event(event), event=event.kind, id=str(event.number))
 
     @app.get("/log", tags=["events"])
     async def log() -> list[LogEvent]:
