@@ -17,9 +17,12 @@ from typing import Any, Literal, Protocol
 from localizer.fix import Fix
 from localizer.track.report import TrackHypothesis
 from localizer.track.tracker import Mode
+from rig.daemon.boot import asleep_s
 from rig.readings import Instant
 
 EVENTS_WAITING = 256
+SLEPT_S = 1.0
+"""Less is a difference of clocks."""
 
 TriggerSource = Literal["interval", "rest", "command", "http", "signal", "found"]
 """``found``: a bundle that lay in the spool, and nothing tells why it was taken."""
@@ -88,7 +91,7 @@ class Snapshot:
     last_fix: Answer | None
     """The latest answer that is a fix: possibly of long ago."""
     moved: Instant | None = None
-    """When the vehicle was last seen to move: at rest since then, as far as anybody watches."""
+    """When the vehicle was last seen to move, or the computer slept: at rest since then, as far as anybody watches."""
     counts: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
 
     @property
@@ -144,12 +147,22 @@ class Board:
         self._events = 0
         self._devices: dict[str, DeviceHealth] = {}
         self._now = Snapshot(now, "starting", now, None, 0, (), None, None)
+        self._asleep_s = asleep_s()
 
     def snapshot(self) -> Snapshot:
         """The state at this moment."""
         with self._lock:
+            self._note_sleep()
             counts = MappingProxyType(dict(self._counts))
             return dataclasses.replace(self._now, devices=tuple(self._devices.values()), counts=counts)
+
+    def _note_sleep(self) -> None:
+        """A computer that was suspended has watched nothing, and its monotonic clock, which ages go by, stood still."""
+        now_s = asleep_s()
+        if now_s - self._asleep_s > SLEPT_S:
+            self._asleep_s = now_s
+            self._now = dataclasses.replace(self._now, moved=Instant.now())
+            self._counts["times asleep"] += 1
 
     def set_activity(self, activity: Activity) -> None:
         """Say what the daemon does from now on; the same again is no event."""

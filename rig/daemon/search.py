@@ -151,7 +151,7 @@ class Search:
         _log.error("search failed", bundle=entry.bundle, reason=reason, again=state == "waiting")
 
 
-def answer_of(entry: Entry, found: Found, started: Instant) -> Answer:
+def answer_of(entry: Entry, found: Found, started: Instant | None = None) -> Answer:
     """What the daemon, which has run since ``started``, publishes of a bundle's search."""
     heading = vehicle_heading_deg(found)
     captured = moment_of(found.standing, entry.boot)
@@ -167,7 +167,8 @@ def answer_of(entry: Entry, found: Found, started: Instant) -> Answer:
         altitude_m=found.altitude_m,
         vehicle_heading_deg=heading[0] if heading else None,
         vehicle_heading_sigma_deg=heading[1] if heading else None,
-        before_start=entry.boot != boot_id() or captured.monotonic_s < started.monotonic_s,
+        before_start=entry.boot != boot_id()
+        or (started is not None and captured.monotonic_s < started.monotonic_s),
     )
 
 

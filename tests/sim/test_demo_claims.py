@@ -2,12 +2,14 @@
 
 import json
 
+import numpy as np
 import pytest
 from fakes.answers import STAGE1
 from pyproj import Geod, Transformer
 
 from localizer.fix import Candidate, Fix, Position
 from sim.demo import _fields, claim_of, judge, summary
+from sim.evaluate.answer import Answer
 
 GEOD = Geod(ellps="WGS84")
 
@@ -68,3 +70,16 @@ def test_without_a_position_nothing_is_claimed():
     assert claim_of(none) is None
     truth = {**a_place("EPSG:32633", 68.3, 15.1), "ground_m": 500.0}
     assert "claimed" not in summary(judge(none, truth), truth)
+
+
+def test_an_evaluation_measures_on_the_ground():
+    fix = a_fix("EPSG:3857", 68.3, 15.1)
+    answer = Answer(fix=fix, covariances_m2=np.array([fix.covariance_m2]), errors=None, contours_px=())
+    lon_deg, lat_deg, _ = GEOD.fwd(15.1, 68.3, 0.0, 6.0)
+    there = a_place("EPSG:3857", lat_deg, lon_deg)
+    off_m, mahalanobis2 = answer.off_by(there["easting_m"], there["northing_m"])
+    assert off_m == pytest.approx(6.0, abs=0.01)
+    assert mahalanobis2 == pytest.approx(9.0, abs=0.05)
+    assert answer.probability_of(there["easting_m"], there["northing_m"], 6.5) == 0.99
+    away = a_place("EPSG:3857", 68.31, 15.1)  # a kilometre
+    assert answer.probability_of(away["easting_m"], away["northing_m"], 6.5) is None

@@ -15,7 +15,7 @@ from localizer.fix import Fix
 from localizer.track.report import TrackLine
 from localizer.track.tracker import Tracker
 from rig.daemon.board import Board
-from rig.daemon.boot import boot_id
+from rig.daemon.boot import asleep_s, boot_id
 from rig.daemon.config import HttpServer
 from rig.daemon.http.app import make_app
 from rig.daemon.http.map import ReliefMap
@@ -171,3 +171,18 @@ def test_a_bundle_that_cannot_be_read_has_at_least_the_time_of_its_file(spool: S
     spool.reconcile()
     (entry,) = spool.entries(5)
     assert datetime.now(UTC) - entry.captured < timedelta(minutes=1)
+
+
+def test_a_fix_of_before_the_computer_slept_is_not_current(
+    spool: Spool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The monotonic clock stands still in suspend: by it the fix is seconds old for ever."""
+    board = Board()
+    board.set_answer(answer_of("a", age_s=5.0))
+    assert current_fix(board.snapshot(), Instant.now(), VALID_S) is not None
+    slept_s = asleep_s() + 7200.0
+    monkeypatch.setattr("rig.daemon.board.asleep_s", lambda: slept_s)
+    assert current_fix(board.snapshot(), Instant.now(), VALID_S) is None
+    board.set_answer(answer_of("b", age_s=0.0))
+    assert current_fix(board.snapshot(), Instant.now(), VALID_S) is not None
+    assert board.snapshot().counts["times asleep"] == 1
