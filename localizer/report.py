@@ -15,7 +15,7 @@ from localizer.details import CONTRADICTS, LocateDetails, LocateResult
 from localizer.errors import SkyfixError
 from localizer.fix import Fix, Position
 from localizer.geodesy import meridian_convergence_deg
-from localizer.ground import ground_distance_m, ground_offset_m
+from localizer.ground import ground_distance_m, ground_offset_m, map_metres
 
 CHI2_95 = 5.991
 """95 % of a normal distribution in the plane lies within this squared distance in sigmas."""
@@ -23,6 +23,8 @@ CHI2_95 = 5.991
 FARTHEST_M = 1e8
 """Beyond any coordinate of a map."""
 MUCH_AT_RIM = 0.2
+NOTED_SCALE = 0.01
+"""Where a map's metre differs by more, it is said."""
 
 Covariance = tuple[tuple[float, float], tuple[float, float]]
 
@@ -176,10 +178,19 @@ def _off(fix: Fix, truth: Truth, dem: Dem) -> str:
     return "no sigma" if fix.covariance_m2 is None else f"{sigmas_off(fix, truth, dem):.1f} sigma"
 
 
+def _map_name(position: Position, dem: Dem) -> str:
+    """The map's name, and how long its metre is on the ground where that is a matter."""
+    name = readable_name(dem.metric_crs)
+    scale = map_metres(dem.metric_crs, *_place(position)).scale
+    return (
+        name if abs(scale - 1.0) < NOTED_SCALE else f"{name}; a metre of this map is {1.0 / scale:.2f} m here"
+    )
+
+
 def _position_lines(fix: Fix, position: Position, dem: Dem) -> list[str]:
     lines = [
         f"position    {lat_lon(position)}  (WGS84)",
-        f"            {position.easting_m:.1f} E  {position.northing_m:.1f} N  ({readable_name(dem.metric_crs)})",
+        f"            {position.easting_m:.1f} E  {position.northing_m:.1f} N  ({_map_name(position, dem)})",
         f"            row {position.row:.2f}  col {position.col:.2f}  ground {position.ground_m:.1f} m",
     ]
     if fix.covariance_m2 is not None:

@@ -132,6 +132,7 @@ def test_the_true_error_is_of_the_ground():
     assert sigmas_off(result.fix, truth, dem) == pytest.approx(5.0, abs=0.01)
     text = report(result.fix, dem, truth)
     assert "1 sigma     2.0 m x 2.0 m" in text
+    assert "(EPSG:3857; a metre of this map is 0.37 m here)" in text
     assert "true error  10.0 m  (5.0 sigma)" in text
 
 
