@@ -183,10 +183,14 @@ def restored(answer: Answer, boot: str | None) -> Answer:
 
 
 def restore(board: Board, spool: Spool) -> None:
-    """Put on the board what the spool knows from before a restart, unless there is something newer already."""
-    if board.snapshot().last is not None:
+    """Put on the board what the spool knows from before a restart, unless there is something of this run already.
+
+    Again after the wall clock has stepped: ages of another run of the computer go by it.
+    """
+    known = board.snapshot().last
+    if known is not None and not known.before_start:
         return
-    last, last_fix = (known and restored(*known) for known in spool.latest())
+    last, last_fix = (answer and restored(*answer) for answer in spool.latest())
     if last is not None:
         board.restore(last, last_fix)
 

@@ -225,13 +225,19 @@ class Spool:
         return ANSWER.validate_json(rows[0][0]) if rows else None
 
     def latest(self) -> tuple[tuple[Answer, str | None] | None, tuple[Answer, str | None] | None]:
-        """The newest bundle's answer, and the newest that is a fix, each with the computer's run of its capture."""
+        """The newest bundle's answer, and the newest that is a fix, each with the computer's run of its capture.
+
+        None where there is none, or one that this version cannot read.
+        """
         found = []
         for wanted in ("", "AND json_extract(answer, '$.fix.status') = 'fix' "):
             rows = self._read(
                 f"SELECT answer, boot FROM bundles WHERE answer IS NOT NULL {wanted}ORDER BY number DESC LIMIT 1"
             )
-            found.append((ANSWER.validate_json(rows[0][0]), rows[0][1]) if rows else None)
+            try:
+                found.append((ANSWER.validate_json(rows[0][0]), rows[0][1]) if rows else None)
+            except ValidationError:
+                found.append(None)
         return found[0], found[1]
 
     def count(self, state: BundleState) -> int:

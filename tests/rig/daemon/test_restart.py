@@ -14,6 +14,7 @@ from fastapi.testclient import TestClient
 from localizer.fix import Fix
 from localizer.track.report import TrackLine
 from localizer.track.tracker import Tracker
+from rig import clock
 from rig.daemon.board import Board
 from rig.daemon.boot import asleep_s, boot_id
 from rig.daemon.config import HttpServer
@@ -186,3 +187,26 @@ def test_a_fix_of_before_the_computer_slept_is_not_current(
     board.set_answer(answer_of("b", age_s=0.0))
     assert current_fix(board.snapshot(), Instant.now(), VALID_S) is not None
     assert board.snapshot().counts["times asleep"] == 1
+
+
+def test_ages_are_put_right_once_the_clock_is(spool: Spool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A computer without a battery for its clock says 1970 until it hears of the time."""
+    stored(spool, 1, age_s=300.0, boot="another boot")
+    monkeypatch.setattr(clock, "_session", clock._session)  # for monkeypatch to put back
+    monkeypatch.setattr(clock, "wall_clock", lambda: datetime(1970, 1, 1, 0, 1, tzinfo=UTC))
+    clock.begin_session()
+    board = restarted(spool)
+    monkeypatch.setattr(clock, "wall_clock", lambda: datetime.now(UTC))
+    clock.begin_session()
+    restore(board, spool)
+    last = board.snapshot().last
+    assert last is not None
+    assert Instant.now().monotonic_s - last.captured.monotonic_s == pytest.approx(300.0, abs=5.0)
+
+
+def test_an_answer_that_this_version_cannot_read_is_no_obstacle(spool: Spool) -> None:
+    stored(spool, 1, age_s=300.0)
+    with spool._transaction() as db:
+        db.execute("""UPDATE bundles SET answer = '{"fix": {"status": "fix"}}'""")
+    assert spool.latest() == (None, None)
+    assert restarted(spool).snapshot().last is None
