@@ -1,6 +1,7 @@
 """From the rig to the fix on elevation models of 0..360 degrees, at the date line, and in Web Mercator at 68 north."""
 
 import json
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from pyproj import Geod
 from localizer.dem import load_dem
 from localizer.geodesy import lonlat_to_rowcol, map_metres_at, rowcol_to_lonlat
 from localizer.ground import ground_distance_m
-from sim.cli import sim
+from sim.command import find_command
 from sim.terrain import read_terrain
 
 MODELS = {"geo360": ["geo360.tif"], "date line": ["dl_W.tif", "dl_E.tif"], "mercator": ["merc68.tif"]}
@@ -43,12 +44,15 @@ def test_both_programs_agree_on_every_place_and_on_its_metres(skyfix_data: Path,
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", MODELS)
-def test_a_fix_there_is_told_in_metres_of_the_ground(
-    skyfix_data: Path, name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_fix_there_is_told_in_metres_of_the_ground(skyfix_data: Path, name: str, tmp_path: Path) -> None:
     dems = [word for file in files_of(skyfix_data, name) for word in ("--dem", str(file))]
-    sim.main(["demo", *dems, "--seed", "3", "--out", str(tmp_path), "--json"], standalone_mode=False)
-    told = json.loads(capsys.readouterr().out)
+    done = subprocess.run(
+        [find_command("sim"), "demo", *dems, "--seed", "3", "--out", str(tmp_path), "--json"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    told = json.loads(done.stdout)
     fix, truth = told["fix"], told["truth"]
     assert fix["status"] == "fix"
     place = fix["position"]

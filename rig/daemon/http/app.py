@@ -25,13 +25,13 @@ from rig.daemon.http.models import (
     TRIGGER_PROBLEM,
     TRIGGER_STATUS,
     CaptureAnswer,
-    LatestAnswer,
+    FixAnswer,
     LogEvent,
     MapSheet,
     Problem,
     State,
     TrackPoint,
-    latest_answer,
+    fix_answer,
     log_event,
     state_of,
     track_point,
@@ -134,13 +134,16 @@ class _Page(StaticFiles):
 
 def _add_state(app: FastAPI, section: HttpServer, board: Board, can_act: bool) -> None:
     @app.get("/fix", tags=["state"], responses=NOT_FOUND)
-    async def fix() -> LatestAnswer:
-        """The answer to the newest capture, whatever its status, with its age; 404 as long as there is none."""
+    async def fix() -> FixAnswer:
+        """The answer to the newest capture, whatever its status, with its age; 404 as long as there is none.
+
+        Where that is no fix, ``last_fix`` is the last one, with its own age.
+        """
         snapshot = board.snapshot()
         last = newest(snapshot)
         if last is None:
             raise HTTPException(404, "no answer yet: nothing has been located")
-        return latest_answer(last, snapshot, section.valid_s, Instant.now())
+        return fix_answer(last, snapshot, section.valid_s, Instant.now())
 
     @app.get("/status", tags=["state"])
     async def status() -> State:

@@ -75,6 +75,13 @@ class LatestAnswer(BundleAnswer):
     """The vehicle has been seen to move since the capture. False proves nothing where nobody watches it."""
 
 
+class FixAnswer(LatestAnswer):
+    """The newest answer, and the last known position beside it where it is none itself."""
+
+    last_fix: LatestAnswer | None
+    """The latest fix where this is no fix, possibly of long ago: see its age. It is not current."""
+
+
 class Device(_Part):
     """One device of the rig."""
 
@@ -225,6 +232,15 @@ def latest_answer(answer: Answer, snapshot: Snapshot, valid_s: float, now: Insta
         convergence_deg=None if here is None else here.convergence_deg,
         moved_on=moved is not None and moved.monotonic_s > answer.captured.monotonic_s,
     )
+
+
+def fix_answer(answer: Answer, snapshot: Snapshot, valid_s: float, now: Instant) -> FixAnswer:
+    """The newest of the snapshot's answers, and the last fix where that is another."""
+    before = snapshot.last_fix if answer.fix.status != "fix" else None
+    last_fix = None
+    if before is not None:  # there is a newer capture, so it is not current whatever its age
+        last_fix = latest_answer(before, snapshot, valid_s, now).model_copy(update={"current": False})
+    return FixAnswer(**dict(latest_answer(answer, snapshot, valid_s, now)), last_fix=last_fix)
 
 
 def _matrix(values: NDArray[np.float64]) -> tuple[tuple[float, float], tuple[float, float]]:

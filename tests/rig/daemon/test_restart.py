@@ -84,6 +84,9 @@ def test_over_http_it_is_there_at_once_and_says_what_it_is(spool: Spool) -> None
         fix = json_of(client.get("/fix"))
         assert (fix["fix"]["status"], fix["before_start"], fix["current"]) == ("none", True, False)
         assert fix["age_s"] == pytest.approx(60.0, abs=5.0)
+        assert fix["last_fix"]["bundle"] == bundle_id(1)  # the last known position
+        assert fix["last_fix"]["age_s"] == pytest.approx(300.0, abs=5.0)
+        assert fix["last_fix"]["current"] is False
         state = json_of(client.get("/status"))
         assert state["last_fix"]["bundle"] == bundle_id(1)
         assert state["last_fix"]["age_s"] == pytest.approx(300.0, abs=5.0)
