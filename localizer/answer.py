@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from localizer.crs import short_name
 from localizer.fix import Candidate, Fix, Nuisance, Position, Stage1Counts
-from localizer.geodesy import enu_to_metric_jacobian, rowcol_to_lonlat, rowcol_to_metric
+from localizer.geodesy import map_metres_at, rowcol_to_lonlat, rowcol_to_metric
 from localizer.horizon.from_terrain import Terrain
 from localizer.observation import Observation
 from localizer.search.decide import Decision
@@ -93,6 +93,6 @@ def fix_of(
 
 
 def metric_covariance(terrain: Terrain, refined: Refined) -> Floats:
-    """(2, 2) of easting and northing."""
-    turn = enu_to_metric_jacobian(terrain.dem, refined.row, refined.col)
-    return np.asarray(turn @ refined.covariance_enu_m2 @ turn.T)
+    """(2, 2) of easting and northing, in metres of the ground."""
+    here = map_metres_at(terrain.dem, refined.row, refined.col)
+    return here.ground_covariance(refined.covariance_enu_m2)

@@ -168,7 +168,7 @@ class Prior(_Part):
     """A rough place that is known beforehand; absent in the ordinary case."""
 
     lat_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
-    lon_deg: Annotated[float, Field(ge=-180.0, le=180.0)]
+    lon_deg: Annotated[float, Field(ge=-360.0, le=360.0)]
     radius_m: Annotated[float, Field(gt=0.0)]
 
 

@@ -10,7 +10,7 @@ from pygeomag import GeoMag
 
 from localizer.crs import short_name
 from localizer.dem import Dem
-from localizer.geodesy import meridian_convergence_deg, rowcol_to_lonlat
+from localizer.geodesy import bounds_deg, meridian_convergence_deg, rowcol_to_lonlat
 
 FLAT_VOIDS_GAP_M = 100.0
 """Zeros that lie so far below all other ground are no sea: a coast has every elevation in between."""
@@ -54,10 +54,7 @@ def dem_info(dem: Dem, date: datetime.date) -> DemInfo:
     """Look at all of a DEM."""
     row, col = np.linspace(-0.5, dem.rows - 0.5, 9), np.linspace(-0.5, dem.cols - 0.5, 9)
     rows, cols = np.meshgrid(row, col)
-    lon_deg, lat_deg = rowcol_to_lonlat(dem, rows, cols)
-    centre_lon_deg, centre_lat_deg = float(lon_deg[4, 4]), float(lat_deg[4, 4])
-    # longitudes as they run on from the centre, so that a DEM across the date line stays in one piece
-    lon_deg = centre_lon_deg + (lon_deg - centre_lon_deg + 180.0) % 360.0 - 180.0
+    centre_lon_deg, centre_lat_deg = (float(value) for value in rowcol_to_lonlat(dem, row[4], col[4]))
     convergence_deg = meridian_convergence_deg(dem, rows, cols)
     return DemInfo(
         rows=dem.rows,
@@ -67,12 +64,7 @@ def dem_info(dem: Dem, date: datetime.date) -> DemInfo:
         crs=short_name(dem.crs),
         crs_name=dem.crs.name,
         metric_crs=short_name(dem.metric_crs),
-        bounds=Bounds(
-            south_deg=float(lat_deg.min()),
-            west_deg=_wrapped(float(lon_deg.min())),
-            north_deg=float(lat_deg.max()),
-            east_deg=_wrapped(float(lon_deg.max())),
-        ),
+        bounds=Bounds(*bounds_deg(dem, row, col)),
         lowest_m=float(np.nanmin(dem.z_m)),
         highest_m=float(np.nanmax(dem.z_m)),
         voids_percent=100.0 * float(np.mean(np.isnan(dem.z_m))),
@@ -162,7 +154,3 @@ _UNIT_FROM = {
 
 def _named(code: str, name: str) -> str:
     return f"{code} ({name})" if code.startswith("EPSG:") else name
-
-
-def _wrapped(lon_deg: float) -> float:
-    return (lon_deg + 180.0) % 360.0 - 180.0

@@ -221,10 +221,29 @@ def _within_prior(terrain: Terrain, observation: Observation) -> NDArray[np.bool
     if prior is None:
         return None
     dem = terrain.dem
-    row, col = lonlat_to_rowcol(dem, prior.lon_deg, prior.lat_deg)
-    south = (np.arange(dem.rows) - float(row))[:, None] * dem.spacing_ns_m
-    east = (np.arange(dem.cols) - float(col))[None, :] * dem.spacing_ew_m
-    return np.asarray(np.hypot(south, east) <= prior.radius_m)
+    row, col = (float(value) for value in lonlat_to_rowcol(dem, prior.lon_deg, prior.lat_deg))
+    within = np.zeros((dem.rows, dem.cols), bool)
+    if not np.isfinite([row, col]).all():
+        return within
+    frame = terrain.frames.at(np.clip(row, 0, dem.rows), np.clip(col, 0, dem.cols))[0]
+    to_ground = np.linalg.inv(
+        frame[:, :2]
+    )  # from rows and columns to metres east and north, as it is at the centre
+    reach = 1.5 * prior.radius_m * np.abs(frame[:, :2]).sum(axis=1) + 2.0
+    first = np.clip(np.floor([row - reach[0], col - reach[1]]), 0, (dem.rows, dem.cols)).astype(int)
+    end = np.clip(np.ceil([row + reach[0], col + reach[1]]) + 1, 0, (dem.rows, dem.cols)).astype(int)
+    if (end <= first).any():
+        return within
+    steps = np.stack(
+        np.meshgrid(np.arange(first[0], end[0]) - row, np.arange(first[1], end[1]) - col, indexing="ij")
+    )
+    off_m = np.tensordot(to_ground, steps, axes=1)
+    for _ in range(2):  # of a circle of many kilometres the second order counts
+        e, n = off_m
+        bent = np.tensordot(frame[:, 2:], np.array([e * e, e * n, n * n]), axes=1)
+        off_m = np.tensordot(to_ground, steps - bent, axes=1)
+    within[first[0] : end[0], first[1] : end[1]] = np.hypot(*off_m) <= prior.radius_m
+    return within
 
 
 def _usable(skyline: Skyline) -> NDArray[np.bool_]:

@@ -18,6 +18,7 @@ from localizer.dem import Dem
 from localizer.details import FrameDetail, LocateDetails, LocateResult
 from localizer.fix import Fix
 from localizer.geodesy import metric_to_rowcol, rowcol_to_metric
+from localizer.ground import map_metres
 from localizer.relief import dem_bounds_m, draw_relief
 from localizer.report import CHI2_95, Truth, ellipse, lat_lon
 
@@ -145,7 +146,7 @@ def draw_map(axes: Axes, result: LocateResult, dem: Dem, truth: Truth | None) ->
         axes.scatter(
             easting_m / 1000.0, northing_m / 1000.0, s=area, c=colour, marker="s", lw=0.0, rasterized=True
         )
-    _draw_places(axes, result.fix, dem, truth, 1000.0, (0.0, 0.0))
+    _draw_places(axes, result.fix, dem, truth, (1000.0, 1000.0), (0.0, 0.0))
     axes.set_xlabel(f"easting, km   ({dem.metric_crs.name})", fontsize=9, labelpad=2)
     axes.set_ylabel("northing, km", fontsize=9, labelpad=2)
     few_ticks(axes, 7)
@@ -167,7 +168,7 @@ def stages(details: LocateDetails) -> list[tuple[str, NDArray[np.int64], str, fl
 
 
 def _draw_zoom(axes: Axes, result: LocateResult, dem: Dem, truth: Truth | None) -> None:
-    """The surroundings of the fix, so large that its ellipse can be seen; metres from the fix."""
+    """The surroundings of the fix, so large that its ellipse can be seen; metres of the ground from the fix."""
     position, covariance_m2 = result.fix.position, result.fix.covariance_m2
     if position is None or covariance_m2 is None:
         axes.axis("off")
@@ -179,14 +180,15 @@ def _draw_zoom(axes: Axes, result: LocateResult, dem: Dem, truth: Truth | None) 
         off_m = truth.distance_m(position, dem)
         # a true place far away would make the ellipse a dot again
         half_m = max(half_m, 1.3 * off_m) if off_m < 12.0 * half_m else half_m
+    unit_m = map_metres(dem.metric_crs, *origin_m).axis_scales
     bounds_m = (
-        origin_m[0] - 1.6 * half_m,
-        origin_m[0] + 1.6 * half_m,
-        origin_m[1] - half_m,
-        origin_m[1] + half_m,
+        origin_m[0] - 1.6 * half_m * unit_m[0],
+        origin_m[0] + 1.6 * half_m * unit_m[0],
+        origin_m[1] - half_m * unit_m[1],
+        origin_m[1] + half_m * unit_m[1],
     )
-    draw_relief(axes, dem, bounds_m, origin_m=origin_m)
-    outline_cells(axes, dem, bounds_m, origin_m)
+    draw_relief(axes, dem, bounds_m, origin_m=origin_m, unit_m=unit_m)
+    outline_cells(axes, dem, bounds_m, origin_m, unit_m)
     axes.add_patch(
         Ellipse(
             (0.0, 0.0),
@@ -198,15 +200,19 @@ def _draw_zoom(axes: Axes, result: LocateResult, dem: Dem, truth: Truth | None) 
             lw=1.4,
         )
     )
-    _draw_places(axes, result.fix, dem, truth, 1.0, origin_m)
+    _draw_places(axes, result.fix, dem, truth, unit_m, origin_m)
     axes.set_xlabel("metres from the fix", fontsize=9, labelpad=2)
     few_ticks(axes, 5)
 
 
 def outline_cells(
-    axes: Axes, dem: Dem, bounds_m: tuple[float, float, float, float], origin_m: tuple[float, float]
+    axes: Axes,
+    dem: Dem,
+    bounds_m: tuple[float, float, float, float],
+    origin_m: tuple[float, float],
+    unit_m: tuple[float, float],
 ) -> None:
-    """The borders of the DEM's cells, for scale, where there are few enough of them."""
+    """The borders of the DEM's cells, for scale, where there are few enough of them; as in ``draw_relief``."""
     west_m, east_m, south_m, north_m = bounds_m
     row, col = metric_to_rowcol(dem, [west_m, east_m, west_m, east_m], [south_m, south_m, north_m, north_m])
     first_row, last_row, first_col, last_col = (
@@ -219,16 +225,27 @@ def outline_cells(
         (rows[[0, -1]], np.full(2, c)) for c in cols
     ]:
         easting_m, northing_m = rowcol_to_metric(dem, line_row, line_col)
-        axes.plot(easting_m - origin_m[0], northing_m - origin_m[1], color="black", lw=0.5, alpha=0.4)
+        axes.plot(
+            (easting_m - origin_m[0]) / unit_m[0],
+            (northing_m - origin_m[1]) / unit_m[1],
+            color="black",
+            lw=0.5,
+            alpha=0.4,
+        )
 
 
 def _draw_places(
-    axes: Axes, fix: Fix, dem: Dem, truth: Truth | None, unit_m: float, origin_m: tuple[float, float]
+    axes: Axes,
+    fix: Fix,
+    dem: Dem,
+    truth: Truth | None,
+    unit_m: tuple[float, float],
+    origin_m: tuple[float, float],
 ) -> None:
     """The candidates of an ambiguous result, the fix and the true place."""
 
     def mark(easting_m: float, northing_m: float, style: Line2D) -> None:
-        marker = Line2D([(easting_m - origin_m[0]) / unit_m], [(northing_m - origin_m[1]) / unit_m])
+        marker = Line2D([(easting_m - origin_m[0]) / unit_m[0]], [(northing_m - origin_m[1]) / unit_m[1]])
         marker.update_from(style)
         marker.set_zorder(5.0)
         axes.add_artist(marker)

@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Annotated, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pyproj import CRS
 from pyproj.exceptions import CRSError
@@ -17,6 +16,7 @@ from localizer.documents import MOST_JSON_BYTES, DocumentError, json_text, read_
 from localizer.errors import SkyfixError
 from localizer.fix import Fix, Position
 from localizer.geodesy import meridian_convergence_deg
+from localizer.ground import ground_distance_m, ground_offset_m, map_metres
 from localizer.os_errors import why_not_read
 
 CHI2_95 = 5.991
@@ -25,6 +25,8 @@ CHI2_95 = 5.991
 FARTHEST_M = 1e8
 """Beyond any coordinate of a map."""
 MUCH_AT_RIM = 0.2
+NOTED_SCALE = 0.01
+"""Where a map's metre differs by more, it is said."""
 
 Covariance = tuple[tuple[float, float], tuple[float, float]]
 
@@ -40,15 +42,18 @@ class Truth(BaseModel):
 
     def metric(self, dem: Dem) -> tuple[float, float]:
         """Easting and northing in ``dem.metric_crs``."""
+        return self.within(dem.metric_crs)
+
+    def within(self, crs: CRS | str) -> tuple[float, float]:
+        """Easting and northing in another projected CRS."""
         easting_m, northing_m = transform_xy(
-            CRS.from_user_input(self.crs), dem.metric_crs, self.easting_m, self.northing_m
+            CRS.from_user_input(self.crs), CRS.from_user_input(crs), self.easting_m, self.northing_m
         )
         return float(easting_m), float(northing_m)
 
     def distance_m(self, position: Position, dem: Dem) -> float:
-        """How far the position found lies from the true one, in the map's metres."""
-        easting_m, northing_m = self.metric(dem)
-        return float(np.hypot(position.easting_m - easting_m, position.northing_m - northing_m))
+        """How far on the ground the position found lies from the true one."""
+        return ground_distance_m(dem.metric_crs, _place(position), self.metric(dem))
 
 
 class EllipseAxes(NamedTuple):
@@ -96,11 +101,12 @@ def sigmas_off(fix: Fix, truth: Truth, dem: Dem) -> float:
     """The error of a fix in its own standard deviations (Mahalanobis distance)."""
     assert fix.position is not None
     assert fix.covariance_m2 is not None
-    easting_m, northing_m = truth.metric(dem)
-    off_m: NDArray[np.float64] = np.array(
-        [fix.position.easting_m - easting_m, fix.position.northing_m - northing_m]
-    )
+    off_m = ground_offset_m(dem.metric_crs, _place(fix.position), truth.metric(dem))
     return float(np.sqrt(off_m @ np.linalg.solve(np.array(fix.covariance_m2), off_m)))
+
+
+def _place(position: Position) -> tuple[float, float]:
+    return position.easting_m, position.northing_m
 
 
 def lat_lon(position: Position) -> str:
@@ -176,10 +182,19 @@ def _off(fix: Fix, truth: Truth, dem: Dem) -> str:
     return "no sigma" if fix.covariance_m2 is None else f"{sigmas_off(fix, truth, dem):.1f} sigma"
 
 
+def _map_name(position: Position, dem: Dem) -> str:
+    """The map's name, and how long its metre is on the ground where that is a matter."""
+    name = readable_name(dem.metric_crs)
+    scale = map_metres(dem.metric_crs, *_place(position)).scale
+    return (
+        name if abs(scale - 1.0) < NOTED_SCALE else f"{name}; a metre of this map is {1.0 / scale:.2f} m here"
+    )
+
+
 def _position_lines(fix: Fix, position: Position, dem: Dem) -> list[str]:
     lines = [
         f"position    {lat_lon(position)}  (WGS84)",
-        f"            {position.easting_m:.1f} E  {position.northing_m:.1f} N  ({readable_name(dem.metric_crs)})",
+        f"            {position.easting_m:.1f} E  {position.northing_m:.1f} N  ({_map_name(position, dem)})",
         f"            row {position.row:.2f}  col {position.col:.2f}  ground {position.ground_m:.1f} m",
     ]
     if fix.covariance_m2 is not None:

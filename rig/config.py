@@ -22,6 +22,7 @@ from pydantic import (
     model_validator,
 )
 
+from localizer.crs import wrapped_lon_deg
 from localizer.documents import DocumentError, read_toml
 from localizer.os_errors import meant_instead
 from rig.bus.i2c_names import checked_bus
@@ -98,7 +99,7 @@ class Place(Section):
     """``[place]``: roughly where the rig works; nothing but the magnetic declination is derived from it."""
 
     lat_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
-    lon_deg: Annotated[float, Field(ge=-180.0, le=360.0)]
+    lon_deg: Annotated[float, Field(ge=-360.0, le=360.0), AfterValidator(wrapped_lon_deg)]
     altitude_m: Annotated[float, Field(ge=-500.0, le=9000.0)] = 0.0
 
 

@@ -18,7 +18,7 @@ _WGS84 = Geod(ellps="WGS84")
 
 @click.command(cls=NumbersCommand)
 @click.argument("lat_deg", type=FiniteRange(-90.0, 90.0))
-@click.argument("lon_deg", type=FiniteRange(-180.0, 180.0))
+@click.argument("lon_deg", type=FiniteRange(-360.0, 360.0))
 @click.option(
     "--heading",
     "heading_deg",

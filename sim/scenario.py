@@ -32,7 +32,7 @@ NonNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Latitude = Annotated[float, Field(ge=-89.0, le=89.0)]
-Longitude = Annotated[float, Field(ge=-180.0, le=180.0)]
+Longitude = Annotated[float, Field(ge=-360.0, le=360.0)]
 
 Model = TypeVar("Model", bound=BaseModel)
 

@@ -15,6 +15,7 @@ from localizer.details import FrameDetail, LocateResult
 from localizer.export.places import Place, ellipse_ring_m
 from localizer.export.posterior import Posterior
 from localizer.geodesy import rowcol_to_metric
+from localizer.ground import ground_distance_m
 from localizer.plot import DOUBTFUL, PLACE, draw_frame, draw_map, few_ticks, outline_cells, stages
 from localizer.relief import dem_bounds_m, draw_relief
 from localizer.report import CHI2_95, Truth
@@ -161,13 +162,19 @@ def _draw_surroundings(
     truth: Truth | None,
 ) -> None:
     origin_m = (place.easting_m, place.northing_m)
+    unit_m = place.here.axis_scales  # the axes count metres of the ground
     true_m = truth.metric(dem) if truth is not None else None
     if true_m is not None:
-        off_m = float(np.hypot(true_m[0] - origin_m[0], true_m[1] - origin_m[1]))
+        off_m = ground_distance_m(dem.metric_crs, origin_m, true_m)
         # a true place far away would make the ellipse a dot
         half_m = max(half_m, 1.2 * off_m) if off_m < 8.0 * half_m else half_m
-    bounds_m = (origin_m[0] - half_m, origin_m[0] + half_m, origin_m[1] - half_m, origin_m[1] + half_m)
-    draw_relief(axes, dem, bounds_m, origin_m=origin_m, pixels=500)
+    bounds_m = (
+        origin_m[0] - half_m * unit_m[0],
+        origin_m[0] + half_m * unit_m[0],
+        origin_m[1] - half_m * unit_m[1],
+        origin_m[1] + half_m * unit_m[1],
+    )
+    draw_relief(axes, dem, bounds_m, origin_m=origin_m, unit_m=unit_m, pixels=500)
     rows, cols = posterior.probability.shape
     easting_m, northing_m = rowcol_to_metric(
         dem,
@@ -177,20 +184,20 @@ def _draw_surroundings(
     probability = np.clip(posterior.probability, 0.0, None)
     near = _near(posterior, place, probability)
     axes.pcolormesh(
-        easting_m - origin_m[0],
-        northing_m - origin_m[1],
+        (easting_m - origin_m[0]) / unit_m[0],
+        (northing_m - origin_m[1]) / unit_m[1],
         probability,
         cmap=PROBABILITY_COLOURS,
         vmin=0.0,
         vmax=near,
         shading="flat",
     )
-    outline_cells(axes, dem, bounds_m, origin_m)
+    outline_cells(axes, dem, bounds_m, origin_m, unit_m)
     for other in places:
         ring_e_m, ring_n_m = ellipse_ring_m(other)
         axes.fill(
-            ring_e_m - origin_m[0],
-            ring_n_m - origin_m[1],
+            (ring_e_m - origin_m[0]) / unit_m[0],
+            (ring_n_m - origin_m[1]) / unit_m[1],
             fc="none",
             ec="black",
             lw=1.6 if other is place else 0.9,
@@ -198,8 +205,8 @@ def _draw_surroundings(
     axes.plot(0.0, 0.0, "*", mfc=PLACE, mec="black", mew=0.9, ms=15.0)
     if true_m is not None:
         axes.plot(
-            true_m[0] - origin_m[0],
-            true_m[1] - origin_m[1],
+            (true_m[0] - origin_m[0]) / unit_m[0],
+            (true_m[1] - origin_m[1]) / unit_m[1],
             "o",
             mfc="none",
             mec="white",

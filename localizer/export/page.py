@@ -52,11 +52,12 @@ def page(
     posterior: Posterior | None,
     files: Sequence[tuple[str, str]],
     truth: Truth | None = None,
+    missing: Sequence[str] = (),
 ) -> str:
     """The HTML of a report.
 
     ``images``: each frame's picture, BGR, by label. ``posterior``: None where there is no place. ``files``: name and
-    contents of what lies beside the page.
+    contents of what lies beside the page; ``missing`` says what of it could not be made.
     """
     fix = result.fix
     template = Environment(
@@ -82,7 +83,7 @@ def page(
         headline=_headline(fix),
         meaning=MEANING[fix.status],
         facts=_facts(result, dem, places, truth),
-        warnings=notes(result, bundle, dem),
+        warnings=[*notes(result, bundle, dem), *missing],
         taken=f"{bundle.created:%Y-%m-%d %H:%M:%S} UTC",
         dem_text=_dem_text(dem),
         files=[{"name": name, "what": what} for name, what in files],

@@ -10,6 +10,7 @@ from localizer.bundle import Bundle, load_bundle
 from localizer.command_line import writing
 from localizer.dem import Dem
 from localizer.errors import SkyfixError
+from localizer.output_parts import OutputParts
 from localizer.report import Truth, report
 
 
@@ -56,8 +57,10 @@ def run_track(
     if plot_path is not None:
         from localizer.track.plot import draw_track
 
-        with writing("--plot", plot_path):
+        parts = OutputParts()
+        with parts.part(f"--plot: {plot_path}"), writing("--plot", plot_path):
             draw_track(plot_path, steps, odometry, dem, truths)
+        parts.end()
     return last.exit_status
 
 

@@ -43,7 +43,7 @@ from localizer.track.mixture import (
     update,
 )
 from localizer.track.odometry import Movement
-from localizer.track.places import Place, place
+from localizer.track.places import GEOD, Place, place
 
 Mode = Literal["bootstrap", "whole DEM", "whole DEM after bootstrap failed"]
 
@@ -223,10 +223,8 @@ def _convinces(near: Located, circle: PriorCircle, tracker: Tracker, terrain: Te
     best = near.best
     if best is None or near.decision.status != "fix":
         return False
-    row, col = lonlat_to_rowcol(terrain.dem, circle.lon_deg, circle.lat_deg)
-    off_m = np.hypot(
-        (best.row - float(row)) * terrain.dem.spacing_ns_m, (best.col - float(col)) * terrain.dem.spacing_ew_m
-    )
+    lon_deg, lat_deg = (float(value) for value in rowcol_to_lonlat(terrain.dem, best.row, best.col))
+    off_m = GEOD.inv(circle.lon_deg, circle.lat_deg, lon_deg, lat_deg)[2]
     return bool(off_m <= INSIDE * circle.radius_m and best.evidence >= EVIDENCE_KEPT * tracker.look_evidence)
 
 

@@ -20,7 +20,7 @@ from rig.daemon.memory import give_back
 from rig.daemon.named_files import check_named_files
 from rig.daemon.notify import Notifier
 from rig.daemon.odometry import Odometer
-from rig.daemon.search import Search
+from rig.daemon.search import Search, restore
 from rig.daemon.search_process import SearchProcess
 from rig.daemon.spool import ODOMETER, Spool, SpoolError
 from rig.daemon.triggers import Triggers
@@ -203,6 +203,10 @@ class MainLoop:
         if abs(clock.step_s()) > CLOCK_STEP_S:
             _log.warning("wall clock stepped", by_s=round(clock.step_s(), 1))
             clock.begin_session()
+            try:
+                restore(self._board, self._spool)
+            except SpoolError as error:
+                _log.error("spool fails", problem=str(error))
         status = status_line(self._board.snapshot())
         if status != self._status:
             self._status = status

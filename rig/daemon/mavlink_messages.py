@@ -48,7 +48,7 @@ def external_position_estimate(common: ModuleType, fix: PublishedFix, now: Insta
         param3=fix.sigma_major_m,  # one number for both directions: the worse
         param4=0.0,
         x=_deg_e7(fix.lat_deg),
-        y=_deg_e7(fix.lon_deg),
+        y=_lon_e7(fix.lon_deg),
         z=math.nan,
     )
 
@@ -81,7 +81,7 @@ def gps_input(common: ModuleType, fix: PublishedFix | None, utc: datetime) -> An
         time_week=week,
         fix_type=fix_type,
         lat=0 if fix is None else _deg_e7(fix.lat_deg),
-        lon=0 if fix is None else _deg_e7(fix.lon_deg),
+        lon=0 if fix is None else _lon_e7(fix.lon_deg),
         alt=0.0 if altitude_m is None else altitude_m,
         hdop=0.0,
         vdop=0.0,
@@ -98,6 +98,11 @@ def gps_input(common: ModuleType, fix: PublishedFix | None, utc: datetime) -> An
 
 def _deg_e7(angle_deg: float) -> int:
     return round(angle_deg * 1e7)
+
+
+def _lon_e7(lon_deg: float) -> int:
+    """-180 <= lon < 180, after rounding, too."""
+    return (_deg_e7(lon_deg) + 1_800_000_000) % 3_600_000_000 - 1_800_000_000
 
 
 def _yaw_cdeg(heading_deg: float | None) -> int:

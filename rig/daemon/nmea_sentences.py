@@ -26,7 +26,28 @@ def epoch(fix: PublishedFix | None, utc: datetime, quality: int, kinds: Collecti
     Times of a position are those of its capture: repeated, it does not look new. ``utc`` is the present, for ZDA and
     for the sentences that say that there is no position.
     """
-    chosen = ((kind, fields_of(fix, utc, quality)) for kind, fields_of in _FIELDS.items() if kind in kinds)
+    return _sentences(fix, utc, quality, [kind for kind in _FIELDS if kind in kinds])
+
+
+def epoch_for_anybody(
+    fix: PublishedFix | None, utc: datetime, quality: int, kinds: Collection[SentenceKind]
+) -> bytes:
+    """The same for whoever may have begun to listen in the middle of a fix, which a datagram cannot know.
+
+    gpsd learns what ends a report where the time changes from one sentence to the next, and of a fix that is repeated
+    no time changes. So GBS comes last, and once more without values at the present time.
+    """
+    chosen = [kind for kind in _FIELDS if kind in kinds and kind != "GBS"]
+    if "GBS" not in kinds:
+        return _sentences(fix, utc, quality, chosen)
+    closing = b"" if fix is None else _sentences(None, utc, quality, ["GBS"])
+    return _sentences(fix, utc, quality, [*chosen, "GBS"]) + closing
+
+
+def _sentences(
+    fix: PublishedFix | None, utc: datetime, quality: int, kinds: Collection[SentenceKind]
+) -> bytes:
+    chosen = ((kind, _FIELDS[kind](fix, utc, quality)) for kind in kinds)
     return b"".join(sentence(kind, fields) for kind, fields in chosen if fields is not None)
 
 

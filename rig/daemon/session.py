@@ -22,7 +22,7 @@ from rig.daemon.odometry import Odometer, OdometryListener
 from rig.daemon.progress import Loops
 from rig.daemon.publishers import publish
 from rig.daemon.rest import RestWatch
-from rig.daemon.search import Search
+from rig.daemon.search import Search, restore
 from rig.daemon.search_process import SearchProcess
 from rig.daemon.spool import ODOMETER, Spool
 from rig.daemon.stopping import Signals
@@ -67,6 +67,7 @@ def session(config: RigConfig, shared: Shared, started: Callable[[], None]) -> R
         search = Search(spool, board, partial(start_worker, run), shared.worker or start_worker(run))
         shared.worker = None
         stack.callback(search.close)
+        restore(board, spool)
         stop = threading.Event()
         inbox = shared.inbox
         hardware = Hardware()

@@ -21,7 +21,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Self
 
-from localizer.bundle import FILE_NAME
+from localizer.bundle import FILE_NAME, MOST_BYTES, BundleError, parse_bundle
+from localizer.documents import DocumentError, read_file
 from localizer.track.odometry import Movement
 from localizer.track.tracker import Tracker, TrackerError
 from rig.bundle.writer import LEAST_FREE_BYTES
@@ -250,6 +251,21 @@ class Spool:
         rows = self._read("SELECT answer FROM bundles WHERE bundle = ? AND answer IS NOT NULL", bundle_id)
         return answer_of(rows[0][0]) if rows else None
 
+    def latest(self) -> tuple[tuple[Answer, str | None] | None, tuple[Answer, str | None] | None]:
+        """The newest bundle's answer, and the newest that is a fix, each with the computer's run of its capture.
+
+        None where there is none, or one that this version cannot read.
+        """
+        found = []
+        status = "CASE WHEN json_valid(answer) THEN json_extract(answer, '$.fix.status') END"
+        for wanted in ("", f"AND {status} = 'fix' "):
+            rows = self._read(
+                f"SELECT answer, boot FROM bundles WHERE answer IS NOT NULL {wanted}ORDER BY number DESC LIMIT 1"
+            )
+            answer = answer_of(rows[0][0]) if rows else None
+            found.append(None if answer is None else (answer, rows[0][1]))
+        return found[0], found[1]
+
     def count(self, state: BundleState) -> int:
         """How many bundles that are here are in a state."""
         return int(self._read("SELECT count(*) FROM bundles WHERE here AND state = ?", state)[0][0])
@@ -310,7 +326,7 @@ class Spool:
 
     def _take_in(self, db: sqlite3.Connection, name: str, intent: Mapping[str, Any]) -> None:
         folder = self.bundles_dir / name
-        captured = datetime.fromtimestamp((folder / FILE_NAME).stat().st_mtime, UTC).isoformat()
+        captured = _captured(folder / FILE_NAME).isoformat()
         trigger, boot, leg = intent.get("trigger", "found"), intent.get("boot"), intent.get("leg")
         db.execute(
             "INSERT INTO bundles (bundle, captured, trigger, boot, leg, bytes, state) "
@@ -380,6 +396,15 @@ def _remove(path: Path) -> None:
         shutil.rmtree(path)
     else:
         path.unlink()
+
+
+def _captured(file: Path) -> datetime:
+    """When a bundle's last frame was taken, by what it says itself; of one that cannot be read, when it was written."""
+    try:
+        bundle = parse_bundle(read_file(file, MOST_BYTES), str(file))
+        return max(frame.time for frame in bundle.frames)
+    except (BundleError, DocumentError):
+        return datetime.fromtimestamp(file.stat().st_mtime, UTC)
 
 
 def _size_bytes(folder: Path) -> int:

@@ -50,6 +50,7 @@ def answer_json(answer: Answer | None, now: Instant) -> dict[str, Any] | None:
         "bundle": answer.bundle,
         "captured": utc_text(answer.captured.utc),
         "age_s": round(now.monotonic_s - answer.captured.monotonic_s, 1),
+        "before_start": answer.before_start,
         "trigger": answer.trigger,
         "mode": answer.mode,
         "altitude_m": answer.altitude_m,
@@ -91,5 +92,5 @@ def _answer_text(answer: dict[str, Any]) -> str:
     elif fix["position"]:
         parts[0] += f" {fix['position']['lat_deg']:.6f}, {fix['position']['lon_deg']:.6f}"
         parts.append(f"sigma {math.sqrt(np.linalg.eigvalsh(fix['covariance_m2'])[-1]):.1f} m")
-    parts.append(f"{answer['age_s']:.0f} s old")
+    parts.append(f"{answer['age_s']:.0f} s old{' (before the restart)' if answer['before_start'] else ''}")
     return f"{', '.join(parts)}; {answer['bundle']}"

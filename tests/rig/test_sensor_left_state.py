@@ -268,7 +268,10 @@ def test_an_ms5607_that_is_configured_as_one_is_taken(tmp_path: Path) -> None:
         assert altitude_m == pytest.approx(quick.world.truth_json()["altitude_m"], abs=60.0)
 
 
-@pytest.mark.parametrize(("soldered", "named"), [("ism330dhcx", "iis2iclx"), ("adxl357", "adxl355")])
+@pytest.mark.parametrize(
+    ("soldered", "named"),
+    [("ism330dhcx", "iis2iclx"), pytest.param("adxl357", "adxl355", marks=pytest.mark.long)],
+)
 def test_check_refuses_an_inclinometer_of_another_scale(soldered: str, named: str, tmp_path: Path) -> None:
     fitted = Inclinometer.model_validate({"chip": named, "soldered": soldered})
     with quick_rig(world(inclinometer=fitted), tmp_path) as quick:
@@ -276,6 +279,7 @@ def test_check_refuses_an_inclinometer_of_another_scale(soldered: str, named: st
         assert "identity" in str(rows["inclinometer"].problem)
 
 
+@pytest.mark.long
 def test_a_scale_that_only_the_servo_can_show_refuses_the_capture(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

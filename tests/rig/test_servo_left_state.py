@@ -149,7 +149,9 @@ def test_a_keep_out_zone_is_compared_with_the_way_that_would_really_be_gone() ->
         assert rig.angles()[0] == pytest.approx(185.0, abs=0.2)
 
 
-@pytest.mark.parametrize("offset", [1000, -1000, 5000])
+@pytest.mark.parametrize(
+    "offset", [1000, *(pytest.param(each, marks=pytest.mark.long) for each in (-1000, 5000))]
+)
 def test_a_homing_offset_is_set_to_0_and_no_move_goes_round(offset: int) -> None:
     with collecting() as notes, rig_with(pan={"homing_offset": offset}) as rig:
         for _ in range(2):
@@ -160,7 +162,7 @@ def test_a_homing_offset_is_set_to_0_and_no_move_goes_round(offset: int) -> None
     assert said == [f"had a Homing Offset of {offset} ticks, left by another program"]
 
 
-@pytest.mark.parametrize("level", [0, 1])
+@pytest.mark.parametrize("level", [0, pytest.param(1, marks=pytest.mark.long)])
 def test_a_servo_that_was_told_to_answer_pings_or_reads_only_is_told_to_answer(level: int) -> None:
     with rig_with({"status_return_level": level}, {"status_return_level": level}) as rig:
         with head_of(rig) as head:
@@ -200,7 +202,15 @@ LEFT = [
 ]
 
 
-OF_BOTH = [*((left, "XM430-W350") for left in LEFT), *((left, "XL430-W250") for left in LEFT[1:18:8])]
+OFTEN = (1, 6, 7, 9, 14, 19)
+"""Of LEFT: one of each kind of register. The others go the same way, each through a move of its own."""
+OF_BOTH = [
+    *(
+        pytest.param(left, "XM430-W350", marks=[] if n in OFTEN else pytest.mark.long)
+        for n, left in enumerate(LEFT)
+    ),
+    *(pytest.param(left, "XL430-W250", marks=pytest.mark.long) for left in LEFT[1:18:8]),
+]
 
 
 @pytest.mark.parametrize(
@@ -217,14 +227,17 @@ def test_the_head_goes_where_it_is_asked_to_whatever_was_left(left: dict[str, in
         assert rig.pan.register("temperature_limit") <= 80
 
 
-@pytest.mark.parametrize("left", [{"current_limit": 0, "goal_current": 0}, {"operating_mode": 5}])
+@pytest.mark.parametrize(
+    "left",
+    [{"current_limit": 0, "goal_current": 0}, pytest.param({"operating_mode": 5}, marks=pytest.mark.long)],
+)
 def test_current_that_an_xm430_was_denied_is_given_back(left: dict[str, int]) -> None:
     with rig_with(left, left) as rig, head_of(rig) as head:
         travel(rig, head, (60.0, 20.0))
         assert (rig.pan.register("current_limit"), rig.pan.register("goal_current")) == (1193, 1193)
 
 
-@pytest.mark.parametrize("lost", range(14, 30, 4))
+@pytest.mark.parametrize("lost", [14, *(pytest.param(n, marks=pytest.mark.long) for n in range(18, 30, 4))])
 def test_an_answer_that_is_lost_while_a_reversed_servo_is_set_right_does_no_harm(lost: int) -> None:
     with rig_with(pan={"drive_mode": 1, "homing_offset": 300}) as rig:
         answers = iter(range(10_000))

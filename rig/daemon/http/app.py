@@ -1,13 +1,14 @@
 """All paths of the server."""
 
 import asyncio
+import re
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
 import anyio.to_thread
-from fastapi import Depends, FastAPI, HTTPException, Request
+from fastapi import Depends, FastAPI, Header, HTTPException, Request
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 from fastapi.staticfiles import StaticFiles
 from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
@@ -26,13 +27,13 @@ from rig.daemon.http.models import (
     TRIGGER_PROBLEM,
     TRIGGER_STATUS,
     CaptureAnswer,
-    LatestAnswer,
+    FixAnswer,
     LogEvent,
     MapSheet,
     Problem,
     State,
     TrackPoint,
-    latest_answer,
+    fix_answer,
     log_event,
     state_of,
     track_point,
@@ -144,13 +145,16 @@ class _Page(StaticFiles):
 
 def _add_state(app: FastAPI, section: HttpServer, board: Board, can_act: bool) -> None:
     @app.get("/fix", tags=["state"], responses=NOT_FOUND)
-    async def fix() -> LatestAnswer:
-        """The answer to the newest capture, whatever its status, with its age; 404 as long as there is none."""
+    async def fix() -> FixAnswer:
+        """The answer to the newest capture, whatever its status, with its age; 404 as long as there is none.
+
+        Where that is no fix, ``last_fix`` is the last one, with its own age.
+        """
         snapshot = board.snapshot()
         last = newest(snapshot)
         if last is None:
-            raise HTTPException(404, "no answer yet: nothing has been located since the start")
-        return latest_answer(last, snapshot, section.valid_s, Instant.now())
+            raise HTTPException(404, "no answer yet: nothing has been located")
+        return fix_answer(last, snapshot, section.valid_s, Instant.now())
 
     @app.get("/status", tags=["state"])
     async def status() -> State:
@@ -172,11 +176,24 @@ def _add_events(app: FastAPI, relay: Relay) -> None:
         response_class=EventSourceResponse,
         responses={503: {"model": Problem, "description": "Too many read them already."}},
     )
-    async def events(waiting: Annotated[Stream, Depends(stream)]) -> AsyncIterator[ServerSentEvent]:
-        """Server-sent events as they happen, each a JSON object (as in /log); a comment where nothing does."""
+    async def events(
+        waiting: Annotated[Stream, Depends(stream)],
+        last_event_id: Annotated[str | None, Header()] = None,
+    ) -> AsyncIterator[ServerSentEvent]:
+        """Server-sent events as they happen, each a JSON object (as in /log); a comment where nothing does.
+
+        Begins with what was missed since ``Last-Event-ID``; without it with the latest answer, if there is one.
+        """
         yield ServerSentEvent(comment="skyfix", retry=3000)
-        while (event := await waiting.get()) is not None:
+        told = -1
+        number = re.fullmatch(r"[0-9]{1,18}", last_event_id or "")  # whatever else it says is none of ours
+        for event in relay.before(int(number[0]) if number else None):
+            told = event.number
             yield ServerSentEvent(data=log_event(event), event=event.kind, id=str(event.number))
+        while (event_or_end := await waiting.get()) is not None:
+            event = event_or_end
+            if event.number > told:
+                yield ServerSentEvent(data=log_event(event), event=event.kind, id=str(event.number))
 
     @app.get("/log", tags=["events"])
     async def log() -> list[LogEvent]:

@@ -13,11 +13,14 @@ import numpy as np
 
 from localizer.dem import load_dem
 from localizer.errors import SkyfixError
+from localizer.ground import map_metres
 from localizer.relief import dem_bounds_m, relief_image
 
 LEAST_PX, MOST_PX = 800, 2000
 PX_A_CELL = 2
 QUALITY = 85
+SCALES = 9
+"""Between them a map's scale runs straight to better than 1e-3."""
 NICENESS = 5
 """Nobody waits for a map while the head has to be moved."""
 
@@ -46,6 +49,10 @@ def main(files: list[str]) -> int:
         "height_px": image.shape[0],
         "lowest_m": float(np.nanmin(dem.z_m)),
         "highest_m": float(np.nanmax(dem.z_m)),
+        "scales": [
+            map_metres(dem.metric_crs, (west_m + east_m) / 2.0, float(northing_m)).scale
+            for northing_m in np.linspace(north_m, south_m, SCALES)
+        ],
     }
     sys.stdout.buffer.write(json.dumps(sheet).encode() + b"\n" + webp.tobytes())
     return 0
