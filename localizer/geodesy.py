@@ -49,22 +49,33 @@ def xy_to_rowcol(dem: Dem, x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
 
 def rowcol_to_metric(dem: Dem, row: ArrayLike, col: ArrayLike) -> tuple[Floats, Floats]:
     """Easting, northing in ``dem.metric_crs``."""
-    return transform_xy(dem.crs, dem.metric_crs, *rowcol_to_xy(dem, row, col))
+    return xy_to_metric(dem, *rowcol_to_xy(dem, row, col))
+
+
+def xy_to_metric(dem: Dem, x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
+    """Easting, northing in ``dem.metric_crs`` of coordinates in the DEM's own CRS."""
+    if dem.crs == dem.metric_crs:
+        return transform_xy(dem.crs, dem.metric_crs, x, y)
+    return transform_xy(WGS84, dem.metric_crs, *dem.to_lonlat_deg(x, y))
 
 
 def metric_to_rowcol(dem: Dem, easting_m: ArrayLike, northing_m: ArrayLike) -> tuple[Floats, Floats]:
     """Row, col of coordinates in ``dem.metric_crs``."""
-    return xy_to_rowcol(dem, *transform_xy(dem.metric_crs, dem.crs, easting_m, northing_m))
+    if dem.crs == dem.metric_crs:
+        return xy_to_rowcol(dem, easting_m, northing_m)
+    return xy_to_rowcol(
+        dem, *dem.from_lonlat_deg(*transform_xy(dem.metric_crs, WGS84, easting_m, northing_m))
+    )
 
 
 def rowcol_to_lonlat(dem: Dem, row: ArrayLike, col: ArrayLike) -> tuple[Floats, Floats]:
     """Longitude and latitude in degrees, WGS84."""
-    return transform_xy(dem.crs, WGS84, *rowcol_to_xy(dem, row, col))
+    return dem.to_lonlat_deg(*rowcol_to_xy(dem, row, col))
 
 
 def lonlat_to_rowcol(dem: Dem, lon_deg: ArrayLike, lat_deg: ArrayLike) -> tuple[Floats, Floats]:
     """Row, col of WGS84 longitudes and latitudes."""
-    return xy_to_rowcol(dem, *transform_xy(WGS84, dem.crs, lon_deg, lat_deg))
+    return xy_to_rowcol(dem, *dem.from_lonlat_deg(lon_deg, lat_deg))
 
 
 def enu_to_metric_jacobian(dem: Dem, row: ArrayLike, col: ArrayLike) -> Floats:
@@ -182,7 +193,7 @@ def _along_geodesic(
     azimuths = np.broadcast_to(azimuth_deg, shape).ravel()
     to_lon, to_lat, _ = geod(dem).fwd(lon_deg, lat_deg, azimuths, np.full(azimuths.shape, distance_m))
     x, y = own_xy(dem.crs, to_lon, to_lat)
-    ends = transform_xy(dem.crs, dem.metric_crs, x, y) if metric else xy_to_rowcol(dem, x, y)
+    ends = xy_to_metric(dem, x, y) if metric else xy_to_rowcol(dem, x, y)
     return np.stack(ends, axis=-1).reshape(*shape, 2)
 
 
