@@ -23,6 +23,8 @@ EARTH_RADII_M = (6_350_000.0, 6_400_000.0)
 """Of all ellipsoids and spheres that were ever fitted to the Earth."""
 UNKNOWN_DATUM_M = 1500.0
 """So far may a place lie off that is told on a datum which nobody knows: Pulkovo, Tokyo and Kandawala differ by up to 1 km."""
+UNTOLD_ELLIPSOID_M = 3.0
+"""Of a datum of no name on WGS84's own ellipsoid, which the realizations of WGS84 and its likes share with no other."""
 UNTOLD_ACCURACY_M = 5.0
 """Of a shift whose parameters come without, as +towgs84: of three for a country, as most are, usual."""
 
@@ -92,20 +94,26 @@ def datum_shift(crs: CRS, x: ArrayLike, y: ArrayLike) -> DatumShift:
         best, missing = None, []
     # PROJ puts first what serves the area best
     absent = next(iter(missing), None)
+    if best is None and not is_named(crs) and _has_wgs84_ellipsoid(crs):
+        return DatumShift("its ellipsoid alone, which is WGS84's", None, UNTOLD_ELLIPSOID_M)
     if best is None or _is_ballpark(best.description) or _is_ballpark(best.definition):
         needs = f"; {_needs(absent.name, absent.grids)}" if absent is not None else ""
         return DatumShift(known=False, better=needs.removeprefix("; ") or None)
     better = None
     if absent is not None and _accuracy(absent.accuracy) < _accuracy(best.accuracy):
-        better = f"{_needs(absent.name, absent.grids)} ({absent.accuracy:g} m)"
-    name = " + ".join(part for part in best.description.split(" + ") if "axis order change" not in part)
+        better = _needs("a better one", absent.grids)
+    projection = f"Inverse of {crs.coordinate_operation.name}" if crs.coordinate_operation is not None else ""
+    parts = [part for part in best.description.split(" + ") if "axis order change" not in part]
+    name = " + ".join(part for part in parts if part != projection) or "none, it stands on WGS84"
     moves = "helmert" in best.definition or "grid" in best.definition or "molodensky" in best.definition
     accuracy_m = best.accuracy if best.accuracy >= 0.0 else UNTOLD_ACCURACY_M if moves else 0.0
     return DatumShift(name, best.definition, accuracy_m, True, better)
 
 
-def accuracy_of_crs_m(crs: CRS, lon_deg: float, lat_deg: float) -> float:
-    """Of the operation that takes coordinates in ``crs`` to WGS84 at a place; 0 where that stands on WGS84."""
+@lru_cache(maxsize=256)
+def accuracy_of_crs_m(name: str, lon_deg: float, lat_deg: float) -> float:
+    """Of the operation that takes coordinates in a CRS to WGS84 at a place; 0 where that stands on WGS84."""
+    crs = CRS.from_user_input(name)
     x, y = transform_xy(WGS84, crs, lon_deg, lat_deg)
     return datum_shift(crs, x, y).accuracy_m
 
@@ -118,6 +126,22 @@ def unknown_datum_note(crs: CRS, shift: DatumShift) -> str:
     return (
         f"the datum of the elevation model is not known ({name}): PROJ has no operation from {crs.name} to WGS84 here{needs}, "
         "so latitudes and longitudes may be off by hundreds of metres; name the CRS with its datum, as --crs EPSG:26711"
+    )
+
+
+def is_named(crs: CRS) -> bool:
+    """Whether a CRS says what its datum is, and not only what its ellipsoid."""
+    datum = geographic_crs(crs).datum
+    return datum is not None and not datum.name.lower().startswith(("unknown", "not specified", "unnamed"))
+
+
+def _has_wgs84_ellipsoid(crs: CRS) -> bool:
+    own, wgs84 = geographic_crs(crs).ellipsoid, WGS84.ellipsoid
+    if own is None or wgs84 is None:
+        return False
+    return (own.semi_major_metre, round(own.inverse_flattening, 8)) == (
+        wgs84.semi_major_metre,
+        round(wgs84.inverse_flattening, 8),
     )
 
 

@@ -72,6 +72,11 @@ class Dem:
         return self.shift.from_lonlat_deg(self.crs, lon_deg, lat_deg)
 
     @property
+    def metric_accuracy_m(self) -> float:
+        """Of eastings and northings in ``metric_crs``, by the operation between the datums; 0 where both have one datum."""
+        return 0.0 if self.metric_crs == self.crs else self.shift.accuracy_m
+
+    @property
     def rows(self) -> int:
         return int(self.z_m.shape[0])
 
@@ -128,8 +133,8 @@ def load_dem(
     name that only GDAL understands (see ``dem_names``).
 
     ``vertical_unit`` (see ``VERTICAL_UNITS``), ``crs`` (whatever pyproj understands), ``nodata`` (a further value that means
-    void, as stored), ``band`` and ``scale`` (of the stored numbers) take precedence over what the files say. ``geoid_offset_m``,
-    the geoid's height above the ellipsoid, is taken off. ``error_m``: see ``Dem``.
+    void, as stored), ``band`` and ``scale`` (of the stored numbers) take precedence over what the files say.
+    ``geoid_offset_m``, the geoid's height above the ellipsoid, is taken off. ``error_m``: see ``Dem``.
 
     Raises ``DemError``.
     """

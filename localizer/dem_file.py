@@ -12,7 +12,7 @@ from pyproj import CRS
 from pyproj.exceptions import CRSError
 
 from localizer.crs import WGS84, is_projected, transform_xy
-from localizer.datum import is_of_the_earth
+from localizer.datum import is_named, is_of_the_earth
 from localizer.dem_open import DemError, opened
 from localizer.dem_values import HIGHEST_M, LOWEST_M, band_of, elevations_m, scale_of
 from localizer.elevation_units import VERTICAL_UNITS, unit_named
@@ -191,8 +191,8 @@ def _overruled(
 def _named(crs: CRS, dataset: "DatasetReader") -> CRS:
     """The CRS as EPSG lists it where that is the same one; USGS DEMs, for one, do not name theirs."""
     code = crs.to_epsg()
-    if code is None or len(crs.axis_info) != 2:
-        return crs
+    if code is None or len(crs.axis_info) != 2 or not is_named(crs):
+        return crs  # an ellipsoid alone fits the CRS of several datums
     listed = CRS.from_epsg(code)
     corners = dataset.bounds
     x, y = [corners.left, corners.right], [corners.bottom, corners.top]

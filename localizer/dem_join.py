@@ -82,13 +82,18 @@ def _misfit(first: Tile, tile: Tile) -> str | None:
     return None
 
 
-def _warp_command(onto: Tile, tile: Tile) -> str:
-    """What brings a file onto another one's lattice."""
-    t = onto.transform
-    crs = readable_name(onto.crs)
+def _warp_command(base: Whole, tile: Tile, low: Floats, high: Floats) -> str:
+    """What brings a file, which reaches from ``low`` to ``high`` (row, col), onto the lattice ``base``."""
+    t = base.transform
+    top, left = (int(v) for v in np.floor(low + 0.5))
+    bottom, right = (int(v) for v in np.ceil(high + 0.5))
+    west, north = t @ (left, top)
+    east, south = t @ (right, bottom)
+    crs = readable_name(base.crs)
     crs = crs if crs.startswith(("EPSG:", "ESRI:")) else "CRS"
+    box = " ".join(f"{edge:.12g}" for edge in (west, south, east, north))
     return (
-        f"gdalwarp -t_srs {crs} -tr {t.a:.10g} {-t.e:.10g} -tap -r bilinear {tile.file.path} "
+        f"gdalwarp -t_srs {crs} -tr {t.a:.12g} {-t.e:.12g} -te {box} -r bilinear {tile.file.path} "
         f"{tile.file.path.stem}_resampled.tif"
     )
 
@@ -218,9 +223,9 @@ def _brought_together(wholes: Sequence[Whole], groups: Sequence[Sequence[Tile]])
     low, high = (
         np.array(ends) for ends in zip(*(_extent(way) for way in ways), strict=True)
     )  # (n, 2) row, col
-    _check_side_by_side(low, high, finest, groups)
-    top, left = (int(v) for v in np.floor(low.min(axis=0) + 0.5 + 1e-6))
-    bottom, right = (int(v) for v in np.ceil(high.max(axis=0) - 0.5 - 1e-6))
+    _check_side_by_side(low, high, base, finest, groups)
+    top, left = (int(v) for v in np.ceil(low.min(axis=0) - 1e-6))  # cells whose centres are covered
+    bottom, right = (int(v) for v in np.floor(high.max(axis=0) + 1e-6))
     rows, cols = bottom - top + 1, right - left + 1
     _check_cells(rows, cols, groups[0][0])
     z_m = np.full((rows, cols), np.nan, np.float32)
@@ -261,18 +266,19 @@ def _fill(z_m: NDArray[np.float32], way: _Way, low: Floats, high: Floats, top: i
 
 
 def _surface(z_m: NDArray[np.float32], row: Floats, col: Floats) -> Floats:
-    """Bilinear elevations at positions (n,), level from the outer centres to just beyond the outer cells; NaN farther out."""
+    """Bilinear elevations at positions (n,), carried on to just beyond the outer cells; NaN farther out."""
     rows, cols = z_m.shape
     edge = 0.5 + BRIDGED_CELLS
     inside = (row >= -edge) & (row <= rows - 1 + edge) & (col >= -edge) & (col <= cols - 1 + edge)
-    r, c = np.where(inside, row, 0.0).clip(0.0, rows - 1.0), np.where(inside, col, 0.0).clip(0.0, cols - 1.0)
-    r0, c0 = np.minimum(r.astype(np.int64), rows - 2), np.minimum(c.astype(np.int64), cols - 2)
+    r, c = np.where(inside, row, 0.0), np.where(inside, col, 0.0)
+    r0 = np.floor(r).astype(np.int64).clip(0, rows - 2)
+    c0 = np.floor(c).astype(np.int64).clip(0, cols - 2)
     fr, fc = r - r0, c - c0
     out = np.zeros(row.shape)
     for dr, wr in ((0, 1.0 - fr), (1, fr)):
         for dc, wc in ((0, 1.0 - fc), (1, fc)):
             weight = wr * wc
-            out += np.where(weight > 1e-9, weight * z_m[r0 + dr, c0 + dc], 0.0)
+            out += np.where(np.abs(weight) > 1e-9, weight * z_m[r0 + dr, c0 + dc], 0.0)
     return np.where(inside, out, np.nan)
 
 
@@ -288,21 +294,31 @@ def _extent(way: _Way) -> tuple[Floats, Floats]:
     return at.min(axis=0), at.max(axis=0)
 
 
-def _check_side_by_side(low: Floats, high: Floats, finest: int, groups: Sequence[Sequence[Tile]]) -> None:
-    apart = _unreached(low - BRIDGED_CELLS, high + BRIDGED_CELLS) if np.isfinite(low).all() else len(low) - 1
-    for i in range(len(low)):
+def _check_side_by_side(
+    low: Floats, high: Floats, base: Whole, finest: int, groups: Sequence[Sequence[Tile]]
+) -> None:
+    """Refuses surfaces that lie over each other, and such as are nowhere near. ``low``, ``high``: (n, 2) row, col on ``base``."""
+    first = groups[0][0]
+    near = bool(np.isfinite(low).all() and np.isfinite(high).all())
+    apart = _unreached(low - BRIDGED_CELLS, high + BRIDGED_CELLS) if near else len(groups) - 1
+    if apart is not None:
+        other = groups[apart][0]
+        why = _misfit(first, _on_the_same_turn(first, other)) or ""
+        raise DemError(
+            f"{other.file.path}: no overlap with {first.file.path} ({why}); the files of one DEM must overlap or "
+            "adjoin"
+        )
+    for i, group in enumerate(groups):
         if i == finest:
             continue
         size = np.minimum(high[i], high[finest]) - np.maximum(low[i], low[finest])
         smaller = min(np.prod(high[i] - low[i]), np.prod(high[finest] - low[finest]))
-        overlapping = bool((size > 0.0).all()) and float(np.prod(size)) > MOST_OVERLAP * smaller
-        if overlapping or apart is not None:
-            base, other = groups[finest][0], groups[i][0]
-            why = _misfit(base, _on_the_same_turn(base, other)) or "they lie on different lattices"
-            how = "they overlap" if overlapping else "they do not adjoin"
+        if bool((size > 0.0).all()) and float(np.prod(size)) > MOST_OVERLAP * smaller:
+            tile = groups[finest][0]
+            why = _misfit(tile, _on_the_same_turn(tile, group[0])) or "they lie on different lattices"
             raise DemError(
-                f"{groups[0][0].file.path} and {groups[max(i, 1)][0].file.path}: {why}, and {how}; put one on "
-                f"the other's lattice with {_warp_command(base, other)}"
+                f"{tile.file.path} and {group[0].file.path}: {why}, and they lie over each other; put one on "
+                f"the other's lattice with {_warp_command(base, group[0], low[i], high[i])}"
             )
 
 

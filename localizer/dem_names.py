@@ -7,12 +7,8 @@
 import re
 from pathlib import Path, PurePath
 
-NETWORK_DRIVERS = ("WMS", "WMTS", "WCS", "HTTP", "OGCAPI", "STACIT", "STACTA", "EEDA", "EEDAI", "DAAS") + (
-    "PLMOSAIC",
-    "PLSCENES",
-    "NGW",
-    "RASDAMAN",
-    "PostGISRaster",
+NETWORK_DRIVERS = frozenset(("WMS", "WMTS", "WCS", "HTTP", "OGCAPI", "STACIT", "STACTA", "EEDA")) | frozenset(
+    ("EEDAI", "DAAS", "PLMOSAIC", "PLSCENES", "NGW", "RASDAMAN", "PostGISRaster")
 )
 """Of GDAL, those that fetch from elsewhere."""
 

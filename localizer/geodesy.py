@@ -59,6 +59,13 @@ def xy_to_metric(dem: Dem, x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
     return transform_xy(WGS84, dem.metric_crs, *dem.to_lonlat_deg(x, y))
 
 
+def metric_to_lonlat(dem: Dem, easting_m: ArrayLike, northing_m: ArrayLike) -> tuple[Floats, Floats]:
+    """WGS84 longitude and latitude of coordinates in ``dem.metric_crs``."""
+    if dem.crs == dem.metric_crs:
+        return dem.to_lonlat_deg(easting_m, northing_m)
+    return transform_xy(dem.metric_crs, WGS84, easting_m, northing_m)
+
+
 def metric_to_rowcol(dem: Dem, easting_m: ArrayLike, northing_m: ArrayLike) -> tuple[Floats, Floats]:
     """Row, col of coordinates in ``dem.metric_crs``."""
     if dem.crs == dem.metric_crs:

@@ -14,6 +14,7 @@ from localizer.camera import camera_to_world, project
 from localizer.contradiction import Settled, settle_frames
 from localizer.dem import Dem
 from localizer.details import FrameDetail, LocateDetails, LocateResult, SolvedErrors
+from localizer.doubts import altitude_as_trusted, without_altimeter
 from localizer.geodesy import lonlat_to_rowcol
 from localizer.horizon.from_image import CONFIDENT, ColumnState, Skyline, find_skyline
 from localizer.horizon.from_terrain import Terrain, at_rim, horizon, horizon_around, prepare_terrain
@@ -57,7 +58,7 @@ def locate_bundle(bundle: Bundle, dem: Dem) -> LocateResult:
         load_kernels(terrain)
     with watch.part("horizon"):
         skylines = [find_skyline(frame_image(bundle, frame)) for frame in bundle.frames]
-    observation = observe(bundle, skylines)
+    observation = altitude_as_trusted(observe(bundle, skylines), dem)
     located = locate(terrain, observation)
     timing = {**watch.seconds, **located.timing_s}
     with watch.part("frames"):
@@ -66,6 +67,7 @@ def locate_bundle(bundle: Bundle, dem: Dem) -> LocateResult:
         )
     timing["frames"] = watch.seconds["frames"]
     fix = fix_of(terrain, observation, settled.located, bundle.id, timing)
+    fix = without_altimeter(terrain, observation, fix, lambda blind: locate(terrain, blind, everywhere=False))
     return LocateResult(fix, _details(terrain, bundle, observation, skylines, settled))
 
 

@@ -13,6 +13,7 @@ from localizer.bundle import Bundle
 from localizer.crs import WGS84, readable_name, transform_xy
 from localizer.dem import Dem
 from localizer.details import CONTRADICTS, LocateDetails, LocateResult
+from localizer.doubts import altitude_note
 from localizer.errors import SkyfixError
 from localizer.fix import Fix, Position
 from localizer.geodesy import meridian_convergence_deg
@@ -108,6 +109,8 @@ def lat_lon(position: Position) -> str:
 def report(fix: Fix, dem: Dem, truth: Truth | None = None) -> str:
     """The fix in lines for people to read."""
     lines = [f"bundle      {fix.bundle}", f"status      {STATUS_IN_WORDS[fix.status]}"]
+    if fix.reason is not None:
+        lines.append(f"reason      {fix.reason.text}")
     if fix.position is not None:
         lines += _position_lines(fix, fix.position, dem)
     if fix.position is not None and truth is not None:
@@ -136,6 +139,10 @@ def notes(result: LocateResult, bundle: Bundle, dem: Dem) -> list[str]:
             f"no ground {where} lies as high as the altitude and the mast's height say; check these, the unit of the DEM's "
             f"elevations{'' if bundle.prior is None else ', and the prior'}"
         )
+    if fix_note := altitude_note(result.fix, bundle, dem):
+        said.append(fix_note)
+    if result.fix.reason is not None:
+        said.append(result.fix.reason.text)
     return said
 
 
@@ -168,13 +175,20 @@ STATUS_IN_WORDS = {
 }
 
 
+def _datum(dem: Dem) -> str:
+    """What latitudes and longitudes are worth."""
+    if not dem.shift.known:
+        return "not on WGS84: the DEM's datum is not known"
+    return f"WGS84, datum good to {dem.shift.accuracy_m:g} m" if dem.shift.accuracy_m else "WGS84"
+
+
 def _off(fix: Fix, truth: Truth, dem: Dem) -> str:
     return "no sigma" if fix.covariance_m2 is None else f"{sigmas_off(fix, truth, dem):.1f} sigma"
 
 
 def _position_lines(fix: Fix, position: Position, dem: Dem) -> list[str]:
     lines = [
-        f"position    {lat_lon(position)}  (WGS84)",
+        f"position    {lat_lon(position)}  ({_datum(dem)})",
         f"            {position.easting_m:.1f} E  {position.northing_m:.1f} N  ({readable_name(dem.metric_crs)})",
         f"            row {position.row:.2f}  col {position.col:.2f}  ground {position.ground_m:.1f} m",
     ]

@@ -213,7 +213,7 @@ def _configured_dem(config: RigConfig) -> DemChoice:
         raise click.UsageError(
             "--locate: say where with --dem FILE; there is no [run] dem in the configuration."
         )
-    return DemChoice(config.run.dem, error_m=config.run.dem_error_m)
+    return config.run.chosen_dem
 
 
 def _directions(names: str | None) -> list[Direction]:

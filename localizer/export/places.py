@@ -1,15 +1,19 @@
 """The places that a result names, in the terms of all files that it is exported to."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from localizer.crs import WGS84, transform_xy
 from localizer.dem import Dem
 from localizer.details import LocateResult
 from localizer.fix import Status
-from localizer.geodesy import meridian_convergence_deg, rowcol_to_lonlat, rowcol_to_metric
+from localizer.geodesy import (
+    meridian_convergence_deg,
+    metric_to_lonlat,
+    rowcol_to_lonlat,
+    rowcol_to_metric,
+)
 from localizer.report import CHI2_95, EllipseAxes, ellipse
 
 RING_POINTS = 72
@@ -80,8 +84,10 @@ def ellipse_ring_m(place: Place) -> tuple[NDArray[np.float64], NDArray[np.float6
 
 
 def ellipse_ring_lonlat(place: Place, dem: Dem) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The same ring in WGS84 longitudes and latitudes."""
-    return transform_xy(dem.metric_crs, WGS84, *ellipse_ring_m(place))
+    """The same ring in WGS84 longitudes and latitudes, the accuracy of the operation between the datums included."""
+    datums_m2 = dem.shift.accuracy_m**2 - dem.metric_accuracy_m**2
+    wider = replace(place, covariance_m2=place.covariance_m2 + datums_m2 * np.eye(2))
+    return metric_to_lonlat(dem, *ellipse_ring_m(wider))
 
 
 def place_name(place: Place, status: Status, count: int, bundle: str) -> str:

@@ -19,6 +19,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from localizer.answer import Located, fix_of
 from localizer.bundle import Bundle, frame_image
 from localizer.contradiction import Settled, settle_frames
+from localizer.doubts import altitude_as_trusted, without_altimeter
 from localizer.errors import SkyfixError
 from localizer.fix import Fix
 from localizer.geodesy import lonlat_to_rowcol, rowcol_to_lonlat
@@ -142,6 +143,7 @@ def follow(
     A look that fits no place leaves the moved hypotheses as they are, and its own answer is ``none``. ``terrain`` is prepared
     once for all steps.
     """
+    observation = altitude_as_trusted(observation, terrain.dem)
     area_m2 = _area_m2(terrain)
     moved = _moved(tracker, leg, area_m2)
     mode, settled = _search(moved, terrain, observation)
@@ -149,6 +151,7 @@ def follow(
     timing = {**(timing_s or {}), **located.timing_s}
     if located.best is None:
         fix = fix_of(terrain, observation, located, bundle_id, timing)
+        fix = without_altimeter(terrain, observation, fix, lambda o: locate(terrain, o, everywhere=False))
         kept = tuple(Posterior(h, None) for h in moved.now.hypotheses)
         return Step(bundle_id, mode, fix, kept, moved, None)
     decision = located.decision

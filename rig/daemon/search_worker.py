@@ -24,6 +24,8 @@ from typing import Any, TextIO
 
 from localizer.bundle import Bundle, frame_image, load_bundle
 from localizer.dem import load_dem
+from localizer.dem_info import dem_notes
+from localizer.dem_options import DemChoice
 from localizer.errors import SkyfixError
 from localizer.horizon.from_image import find_skyline
 from localizer.horizon.from_terrain import Terrain, prepare_terrain
@@ -52,7 +54,12 @@ def main() -> None:
     threading.Thread(target=_receive, args=(requests,), daemon=True).start()
     try:
         first = requests.get()
-        dem = load_dem([Path(file) for file in first["dem"]], error_m=first["dem_error_m"])
+        if "said" in first:
+            dem = DemChoice.from_fields(first["said"]).load()
+        else:
+            dem = load_dem([Path(file) for file in first["dem"]], error_m=first["dem_error_m"])
+        for note in dem_notes(dem):
+            print(f"dem: {note}", file=sys.stderr)
         terrain = with_sound_kernels(lambda: prepare_terrain(dem))
     except SkyfixError as error:
         _send(out, {"error": str(error)})
