@@ -297,7 +297,7 @@ def _extent(way: _Way) -> tuple[Floats, Floats]:
 def _check_side_by_side(
     low: Floats, high: Floats, base: Whole, finest: int, groups: Sequence[Sequence[Tile]]
 ) -> None:
-    """Refuses surfaces that lie over each other, and such as are nowhere near. ``low``, ``high``: (n, 2) row, col on ``base``."""
+    """Refuses surfaces that lie over each other, and such as are nowhere near. ``low``, ``high``: (n, 2) on ``base``."""
     first = groups[0][0]
     near = bool(np.isfinite(low).all() and np.isfinite(high).all())
     apart = _unreached(low - BRIDGED_CELLS, high + BRIDGED_CELLS) if near else len(groups) - 1

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from localizer.answer import Located, fix_of, metric_covariance
-from localizer.bundle import Bundle, frame_image
+from localizer.bundle import Bundle
 from localizer.camera import camera_to_world, project
 from localizer.contradiction import Settled, settle_frames
 from localizer.dem import Dem
@@ -26,6 +26,7 @@ from localizer.search.refine import Refined
 from localizer.search.rounds import likeliest_cells
 from localizer.search.stage1 import Band, Stage1, bands, heading_offsets_deg, search_stage1
 from localizer.search.stage2 import Scored, search_stage2
+from localizer.upright import frame_skyline, upright
 
 Floats = NDArray[np.float64]
 
@@ -57,7 +58,7 @@ def locate_bundle(bundle: Bundle, dem: Dem) -> LocateResult:
         terrain = prepare_terrain(dem)
         load_kernels(terrain)
     with watch.part("horizon"):
-        skylines = [find_skyline(frame_image(bundle, frame)) for frame in bundle.frames]
+        skylines = [frame_skyline(bundle, frame) for frame in bundle.frames]
     observation = altitude_as_trusted(observe(bundle, skylines), dem)
     located = locate(terrain, observation)
     timing = {**watch.seconds, **located.timing_s}
@@ -94,19 +95,20 @@ def load_picture_kernels() -> None:
 
 
 def observe(bundle: Bundle, skylines: list[Skyline]) -> Observation:
-    """What the search is given: the confident columns of each frame and the bundle's readings."""
+    """What the search is given: the confident columns of each frame, turned upright, and the bundle's readings."""
     frames = []
     for frame, skyline in zip(bundle.frames, skylines, strict=True):
         used = _usable(skyline)
+        turned = upright(bundle.camera, frame.roll_deg)
         frames.append(
             FrameObservation(
                 label=frame.label,
-                camera=bundle.camera,
+                camera=turned.camera,
                 azimuth_deg=frame.azimuth_deg,
                 azimuth_sigma_deg=frame.azimuth_sigma_deg,
                 tilt_deg=frame.tilt_deg,
                 tilt_sigma_deg=frame.tilt_sigma_deg,
-                roll_deg=frame.roll_deg,
+                roll_deg=turned.roll_deg,
                 roll_sigma_deg=frame.roll_sigma_deg,
                 u_px=np.nonzero(used)[0].astype(float),
                 v_px=skyline.row_px[used],
@@ -240,7 +242,9 @@ def _details(
     best = located.best
     errors = iter(best.frame_errors_deg) if best else iter(())
     frames = []
-    for frame, skyline in zip(observation.frames, skylines, strict=True):
+    for recorded, frame, skyline in zip(bundle.frames, observation.frames, skylines, strict=True):
+        turned = upright(bundle.camera, recorded.roll_deg)
+        camera = turned.camera
         found = np.isfinite(skyline.row_px)
         u = v = np.zeros(0)
         rim_share = 0.0
@@ -253,22 +257,24 @@ def _details(
                 frame.tilt_deg - best.tilt_bias_deg - own[1],
                 frame.roll_deg - own[2],
             )
-            half_view = np.degrees(np.arctan(bundle.camera.width_px / bundle.camera.fx_px)) + 5.0
+            half_view = np.degrees(np.arctan(camera.width_px / camera.fx_px)) + 5.0
             azimuth = attitude[0] + np.arange(-half_view, half_view, 0.05)
             elevation, distance_m = horizon(terrain, best.row, best.col, best.altitude_m, azimuth)
-            u, v = project(bundle.camera, camera_to_world(*attitude), azimuth, elevation[0])
-            inside = (u >= -1.0) & (u <= bundle.camera.width_px)
+            u, v = project(camera, camera_to_world(*attitude), azimuth, elevation[0])
+            inside = (u >= -1.0) & (u <= camera.width_px)
             u, v = u[inside], v[inside]
             if inside.any() and not terrain.exact:
                 seen_m = distance_m[0][inside]
                 rim_share = float(
                     at_rim(terrain, best.row, best.col, np.radians(azimuth[inside]), seen_m).mean()
                 )
+        found_u, found_v = turned.as_recorded(np.nonzero(found)[0].astype(float), skyline.row_px[found])
+        u, v = turned.as_recorded(u, v)
         frames.append(
             FrameDetail(
                 label=frame.label,
-                found_u_px=np.nonzero(found)[0].astype(float),
-                found_v_px=skyline.row_px[found],
+                found_u_px=found_u,
+                found_v_px=found_v,
                 used=_usable(skyline)[found],
                 predicted_u_px=u,
                 predicted_v_px=v,

@@ -17,13 +17,12 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from localizer.answer import Located, fix_of
-from localizer.bundle import Bundle, frame_image
+from localizer.bundle import Bundle
 from localizer.contradiction import Settled, settle_frames
 from localizer.doubts import altitude_as_trusted, without_altimeter
 from localizer.errors import SkyfixError
 from localizer.fix import Fix
 from localizer.geodesy import lonlat_to_rowcol, rowcol_to_lonlat
-from localizer.horizon.from_image import find_skyline
 from localizer.horizon.from_terrain import Terrain
 from localizer.locate import locate, observe
 from localizer.observation import Observation, PriorCircle
@@ -43,6 +42,7 @@ from localizer.track.mixture import (
 )
 from localizer.track.odometry import Movement
 from localizer.track.places import Place, place
+from localizer.upright import frame_skyline
 
 Mode = Literal["bootstrap", "whole DEM", "whole DEM after bootstrap failed"]
 
@@ -125,7 +125,7 @@ class Step:
 def follow_bundle(tracker: Tracker, leg: Movement | None, terrain: Terrain, bundle: Bundle) -> Step:
     """As ``follow``, from the pictures. Raises ``BundleError`` where one cannot be read."""
     begin = time.perf_counter()
-    skylines = [find_skyline(frame_image(bundle, frame)) for frame in bundle.frames]
+    skylines = [frame_skyline(bundle, frame) for frame in bundle.frames]
     timing_s = {"horizon": time.perf_counter() - begin}
     return follow(tracker, leg, terrain, observe(bundle, skylines), bundle.id, timing_s)
 

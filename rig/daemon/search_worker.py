@@ -22,17 +22,17 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TextIO
 
-from localizer.bundle import Bundle, frame_image, load_bundle
+from localizer.bundle import Bundle, load_bundle
 from localizer.dem import load_dem
 from localizer.dem_info import dem_notes
 from localizer.dem_options import DemChoice
 from localizer.errors import SkyfixError
-from localizer.horizon.from_image import find_skyline
 from localizer.horizon.from_terrain import Terrain, prepare_terrain
 from localizer.jit import with_sound_kernels
 from localizer.locate import load_kernels, load_picture_kernels, observe
 from localizer.track.report import track_line
 from localizer.track.tracker import Tracker, follow
+from localizer.upright import frame_skyline
 from rig.atomic import write_atomically
 from rig.daemon.memory import give_back
 from rig.daemon.skylines import FILE_NAME, BundleSkylines, bundle_skylines
@@ -94,7 +94,7 @@ def _located(terrain: Terrain, request: dict[str, Any]) -> dict[str, Any]:
     bundle = load_bundle(Path(request["bundle"]))
     tracker = Tracker.model_validate(request["tracker"])
     begin = time.perf_counter()
-    skylines = [find_skyline(frame_image(bundle, frame)) for frame in bundle.frames]
+    skylines = [frame_skyline(bundle, frame) for frame in bundle.frames]
     timing_s = {"horizon": time.perf_counter() - begin}
     step = follow(tracker, leg_of(request["leg"]), terrain, observe(bundle, skylines), bundle.id, timing_s)
     _store(bundle.directory / FILE_NAME, bundle_skylines(bundle, skylines, step.fix, terrain))
