@@ -1,6 +1,7 @@
 """Opening an elevation file: found, on this machine, one raster, and as long as it says it is."""
 
 import gzip
+import re
 import warnings
 import zipfile
 import zlib
@@ -76,7 +77,8 @@ def opened(path: Path) -> Iterator["DatasetReader"]:
 def _checked_name(path: Path) -> str:
     text = str(path)
     if on_a_network(text):
-        raise DemError(f"{path}: {ON_A_NETWORK}")
+        shown = re.sub(r"(?<=\w):/(?!/)", "://", text)  # a Path has one slash of two
+        raise DemError(f"{shown}: {ON_A_NETWORK}")
     if "vsistdin" in text:
         raise DemError(f"{path}: is standard input, not an elevation file; name a file")
     if not is_gdal_name(text):

@@ -12,6 +12,7 @@ from localizer.answer import Located, fix_of, metric_covariance
 from localizer.bundle import Bundle
 from localizer.camera import camera_to_world, project
 from localizer.contradiction import Settled, settle_frames
+from localizer.datum import UNKNOWN_DATUM_M
 from localizer.dem import Dem
 from localizer.details import FrameDetail, LocateDetails, LocateResult, SolvedErrors
 from localizer.doubts import altitude_as_trusted, without_altimeter
@@ -221,7 +222,8 @@ def _within_prior(terrain: Terrain, observation: Observation) -> NDArray[np.bool
     row, col = lonlat_to_rowcol(dem, prior.lon_deg, prior.lat_deg)
     south = (np.arange(dem.rows) - float(row))[:, None] * dem.spacing_ns_m
     east = (np.arange(dem.cols) - float(col))[None, :] * dem.spacing_ew_m
-    return np.asarray(np.hypot(south, east) <= prior.radius_m)
+    doubt_m = 0.0 if dem.shift.known else UNKNOWN_DATUM_M  # the circle is told on WGS84
+    return np.asarray(np.hypot(south, east) <= prior.radius_m + doubt_m)
 
 
 def _usable(skyline: Skyline) -> NDArray[np.bool_]:

@@ -141,8 +141,9 @@ def notes(result: LocateResult, bundle: Bundle, dem: Dem) -> list[str]:
         )
     if fix_note := altitude_note(result.fix, bundle, dem):
         said.append(fix_note)
-    if result.fix.reason is not None:
-        said.append(result.fix.reason.text)
+    reason = result.fix.reason
+    if reason is not None and reason.code != "unknown_datum":  # which the DEM's own notes say
+        said.append(reason.text)
     return said
 
 
