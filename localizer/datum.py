@@ -16,13 +16,15 @@ from pyproj.enums import TransformDirection
 from pyproj.exceptions import ProjError
 from pyproj.transformer import AreaOfInterest, TransformerGroup
 
-from localizer.crs import WGS84, geographic_crs, own_lonlat_deg, transform_xy
+from localizer.crs import WGS84, geographic_crs, transform_xy
 
 BALLPARK = "ballpark"
 EARTH_RADII_M = (6_350_000.0, 6_400_000.0)
 """Of all ellipsoids and spheres that were ever fitted to the Earth."""
 UNKNOWN_DATUM_M = 1500.0
 """So far may a place lie off that is told on a datum which nobody knows: Pulkovo, Tokyo and Kandawala differ by up to 1 km."""
+MODERN_RADIUS_M = 6378137.0
+"""Of GRS 1980 and of what is made after it, which satellites' datums use."""
 UNTOLD_ELLIPSOID_M = 3.0
 """Of a datum of no name on WGS84's own ellipsoid, which the realizations of WGS84 and its likes share with no other."""
 UNTOLD_ACCURACY_M = 5.0
@@ -81,9 +83,7 @@ def datum_shift(crs: CRS, x: ArrayLike, y: ArrayLike) -> DatumShift:
     """The best operation from ``crs`` to WGS84 around points in ``crs``, ballpark ones apart."""
     if crs.equals(WGS84, ignore_axis_order=True):
         return DatumShift("none, it is WGS84 itself")
-    lon_deg, lat_deg = own_lonlat_deg(crs, x, y)
-    area = _area(lon_deg, lat_deg)
-    # an operation for part of the DEM's area only is worse than one for all of it, which PROJ puts first
+    area = _area(*transform_xy(crs, WGS84, x, y))  # near enough on any datum
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of grids that are missing, which is told below
@@ -123,9 +123,12 @@ def unknown_datum_note(crs: CRS, shift: DatumShift) -> str:
     datum = geographic_crs(crs).datum
     name = datum.name if datum is not None else crs.name
     needs = f" ({shift.better})" if shift.better else ""
+    ellipsoid = geographic_crs(crs).ellipsoid
+    modern = ellipsoid is not None and ellipsoid.semi_major_metre == MODERN_RADIUS_M
+    off = "metres, and by hundreds of them if it is an old one" if modern else "hundreds of metres"
     return (
         f"the datum of the elevation model is not known ({name}): PROJ has no operation from {crs.name} to WGS84 here{needs}, "
-        "so latitudes and longitudes may be off by hundreds of metres; name the CRS with its datum, as --crs EPSG:26711"
+        f"so latitudes and longitudes may be off by {off}; name the CRS with its datum, as --crs EPSG:26711"
     )
 
 
