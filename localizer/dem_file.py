@@ -15,7 +15,7 @@ from localizer.crs import WGS84, is_projected, transform_xy
 from localizer.datum import is_named, is_of_the_earth
 from localizer.dem_open import DemError, opened
 from localizer.dem_values import HIGHEST_M, LOWEST_M, band_of, elevations_m, scale_of
-from localizer.elevation_units import VERTICAL_UNITS, unit_named
+from localizer.elevation_units import UNSAID, VERTICAL_UNITS, unit_named
 from localizer.heights import Heights, heights_of
 
 if TYPE_CHECKING:
@@ -208,7 +208,7 @@ def _vertical_unit(
             raise DemError(f"--vertical-unit: {option} is not one of {', '.join(VERTICAL_UNITS)}")
         return option, "option"
     band_unit = dataset.units[band - 1]
-    if band_unit:
+    if band_unit is not None and band_unit.strip().lower() not in UNSAID:
         named = unit_named(band_unit)
         if named is not None:
             return named, "band"

@@ -184,16 +184,15 @@ def _is_packed(dataset: "DatasetReader") -> bool:
 
 
 def _check_points(dataset: "DatasetReader", path: Path) -> None:
-    """A text file of points on a grid: GDAL takes 0 for the cells that have none."""
+    """A text file of points on a grid may leave cells out; one that ends within a line was cut, and its last number with it."""
     rows, cols = dataset.shape
-    if dataset.nodata is not None or not Path(dataset.name).is_file():
+    if not Path(dataset.name).is_file():
         return
-    with Path(dataset.name).open("rb") as file:
-        lines = sum(1 for line in file if line[:1].strip(b"\r\n\t ") or line.strip())
-    if lines < rows * cols:
+    text = Path(dataset.name).read_bytes()
+    lines = text.count(b"\n")
+    if text and not text.endswith(b"\n") and lines + 1 < rows * cols:
         raise DemError(
-            f"{path}: has {lines} lines for {rows} x {cols} cells; it is cut short, or cells are missing: fetch it anew, or "
-            "make it a grid with gdal_grid"
+            f"{path}: is cut short: it ends within line {lines + 1} of {rows * cols}; fetch it anew"
         )
 
 

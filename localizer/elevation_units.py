@@ -22,6 +22,10 @@ _NAMES = {
 }
 
 
+UNSAID = ("", "unspecified", "unknown", "undefined", "none", "n/a", "unitless", "1")
+"""What files say who say nothing of their unit."""
+
+
 def unit_named(name: str) -> str | None:
     """Which of ``VERTICAL_UNITS`` a file means by a name; None where that is another."""
     return next((unit for unit, names in _NAMES.items() if name.strip().lower() in names), None)
