@@ -135,7 +135,7 @@ def unknown_datum_note(crs: CRS, shift: DatumShift) -> str:
 def is_named(crs: CRS) -> bool:
     """Whether a CRS says what its datum is, and not only what its ellipsoid."""
     datum = geographic_crs(crs).datum
-    return datum is not None and not datum.name.lower().startswith(("unknown", "not specified", "unnamed"))
+    return datum is not None and not datum.name.lower().startswith(("unknown", "not specified", "unspecified", "unnamed"))
 
 
 def _has_wgs84_ellipsoid(crs: CRS) -> bool:
