@@ -110,14 +110,6 @@ def datum_shift(crs: CRS, x: ArrayLike, y: ArrayLike) -> DatumShift:
     return DatumShift(name, best.definition, accuracy_m, True, better)
 
 
-@lru_cache(maxsize=256)
-def accuracy_of_crs_m(name: str, lon_deg: float, lat_deg: float) -> float:
-    """Of the operation that takes coordinates in a CRS to WGS84 at a place; 0 where that stands on WGS84."""
-    crs = CRS.from_user_input(name)
-    x, y = transform_xy(WGS84, crs, lon_deg, lat_deg)
-    return datum_shift(crs, x, y).accuracy_m
-
-
 def unknown_datum_note(crs: CRS, shift: DatumShift) -> str:
     """What whoever reads latitudes and longitudes must know where the datum is not."""
     datum = geographic_crs(crs).datum
@@ -135,7 +127,9 @@ def unknown_datum_note(crs: CRS, shift: DatumShift) -> str:
 def is_named(crs: CRS) -> bool:
     """Whether a CRS says what its datum is, and not only what its ellipsoid."""
     datum = geographic_crs(crs).datum
-    return datum is not None and not datum.name.lower().startswith(("unknown", "not specified", "unspecified", "unnamed"))
+    return datum is not None and not datum.name.lower().startswith(
+        ("unknown", "not specified", "unspecified", "unnamed")
+    )
 
 
 def _has_wgs84_ellipsoid(crs: CRS) -> bool:

@@ -77,6 +77,11 @@ class Dem:
         return 0.0 if self.metric_crs == self.crs else self.shift.accuracy_m
 
     @property
+    def lonlat_accuracy_m(self) -> float:
+        """What WGS84 longitudes and latitudes are the more uncertain by than eastings and northings in ``metric_crs``."""
+        return self.shift.accuracy_m if self.metric_crs == self.crs else 0.0
+
+    @property
     def rows(self) -> int:
         return int(self.z_m.shape[0])
 

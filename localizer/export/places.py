@@ -85,8 +85,7 @@ def ellipse_ring_m(place: Place) -> tuple[NDArray[np.float64], NDArray[np.float6
 
 def ellipse_ring_lonlat(place: Place, dem: Dem) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The same ring in WGS84 longitudes and latitudes, the accuracy of the operation between the datums included."""
-    datums_m2 = dem.shift.accuracy_m**2 - dem.metric_accuracy_m**2
-    wider = replace(place, covariance_m2=place.covariance_m2 + datums_m2 * np.eye(2))
+    wider = replace(place, covariance_m2=place.covariance_m2 + dem.lonlat_accuracy_m**2 * np.eye(2))
     return metric_to_lonlat(dem, *ellipse_ring_m(wider))
 
 

@@ -57,6 +57,8 @@ class Answer:
     vehicle_heading_deg: float | None
     """Of the vehicle's forward axis, from true north, corrected by the solved azimuth bias."""
     vehicle_heading_sigma_deg: float | None
+    wgs84_accuracy_m: float = 0.0
+    """What latitude and longitude are the more uncertain by than easting and northing: the way from the DEM's datum."""
 
 
 @dataclass(frozen=True)

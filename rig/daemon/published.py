@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from pyproj import CRS, Geod
 
 from localizer.crs import WGS84, transform_xy
-from localizer.datum import accuracy_of_crs_m
 from localizer.fix import Position
 from localizer.report import Covariance, ellipse
 from rig.daemon.board import Answer, Snapshot
@@ -81,7 +80,7 @@ def published(answer: Answer) -> PublishedFix:
     if position is None or covariance_m2 is None:
         raise ValueError(f"{answer.bundle} is no fix")
     of_true_m2 = true_covariance_m2(position, covariance_m2)
-    of_true_m2 = of_true_m2 + datum_accuracy_m(position) ** 2 * np.eye(2)
+    of_true_m2 = of_true_m2 + answer.wgs84_accuracy_m**2 * np.eye(2)
     (east_m2, between_m2), (_, north_m2) = of_true_m2.tolist()
     axes = ellipse(((east_m2, between_m2), (between_m2, north_m2)))
     return PublishedFix(
@@ -97,11 +96,6 @@ def published(answer: Answer) -> PublishedFix:
         major_azimuth_deg=axes.grid_azimuth_deg,
         heading_deg=answer.vehicle_heading_deg,
     )
-
-
-def datum_accuracy_m(position: Position) -> float:
-    """How well WGS84 is known of a place told in its map's own datum; ``covariance_m2`` is of eastings and northings there."""
-    return accuracy_of_crs_m(position.crs, round(position.lon_deg, 1), round(position.lat_deg, 1))
 
 
 def true_covariance_m2(position: Position, covariance_m2: Covariance) -> NDArray[np.float64]:

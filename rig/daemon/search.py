@@ -165,6 +165,7 @@ def answer_of(entry: Entry, found: Found) -> Answer:
         altitude_m=found.altitude_m,
         vehicle_heading_deg=heading[0] if heading else None,
         vehicle_heading_sigma_deg=heading[1] if heading else None,
+        wgs84_accuracy_m=found.wgs84_accuracy_m,
     )
 
 

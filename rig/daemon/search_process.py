@@ -50,6 +50,8 @@ class Found:
     altitude_m: float | None
     azimuth_bias_sigma_deg: float | None
     standing: Standing
+    wgs84_accuracy_m: float = 0.0
+    """Of the way from the DEM's datum, beside the fix's covariance."""
 
 
 class SearchProcess:
@@ -135,6 +137,7 @@ class SearchProcess:
             fields["altitude_m"],
             fields["azimuth_bias_sigma_deg"],
             Standing(**fields["standing"]),
+            fields.get("wgs84_accuracy_m", 0.0),
         )
 
     @property

@@ -104,6 +104,7 @@ def _located(terrain: Terrain, request: dict[str, Any]) -> dict[str, Any]:
         "altitude_m": step.best.altitude_m if step.best else None,
         "azimuth_bias_sigma_deg": step.best.azimuth_bias_sigma_deg if step.best else None,
         "standing": standing_of(bundle),
+        "wgs84_accuracy_m": terrain.dem.lonlat_accuracy_m,
     }
 
 

@@ -11,7 +11,7 @@ from affine import Affine
 from pyproj import CRS, Geod, Transformer
 
 from localizer.crs import geographic_crs
-from localizer.datum import accuracy_of_crs_m, datum_shift, unknown_datum_note
+from localizer.datum import datum_shift, unknown_datum_note
 from localizer.dem import DemError, dem_from_array, load_dem
 from localizer.geodesy import (
     after,
@@ -123,8 +123,8 @@ def test_a_geographic_dem_s_eastings_are_as_uncertain_as_the_way_to_wgs84():
     projected = dem_from_array(FLAT, UTM_11, CRS.from_epsg(26711))
     assert geographic.metric_accuracy_m == 7.0
     assert projected.metric_accuracy_m == 0.0
-    assert accuracy_of_crs_m("EPSG:26711", -118.1, 34.3) == 7.0
-    assert accuracy_of_crs_m("EPSG:32611", -118.1, 34.3) == 0.0
+    assert projected.lonlat_accuracy_m == 7.0
+    assert geographic.lonlat_accuracy_m == 0.0  # said already
 
 
 def test_the_prj_files_that_arc_info_and_arcgis_wrote_without_a_datum(tmp_path, run):

@@ -1,5 +1,7 @@
 """What is published for WGS84 holds the accuracy of the way there, and a configuration can say what a DEM does not."""
 
+import dataclasses
+import json
 import math
 from pathlib import Path
 
@@ -8,33 +10,27 @@ from fakes.answers import an_answer
 from pydantic import ValidationError
 
 from localizer.dem_options import DemChoice
-from localizer.fix import Position
 from rig.daemon.config import RunSection
 from rig.daemon.published import published
+from rig.daemon.spool_index import ANSWER
 
 
-def position(crs: str, easting_m: float, northing_m: float, lat_deg: float, lon_deg: float) -> Position:
-    return Position(
-        easting_m=easting_m,
-        northing_m=northing_m,
-        crs=crs,
-        lat_deg=lat_deg,
-        lon_deg=lon_deg,
-        ground_m=900.0,
-        row=1.0,
-        col=1.0,
-    )
+@pytest.mark.parametrize("added_m", [0.0, 1.0, 7.0, 15.0])
+def test_the_sigmas_hold_the_accuracy_of_the_operation_between_the_datums(added_m: float) -> None:
+    plain = published(an_answer(covariance_m2=((9.0, 0.0), (0.0, 4.0))))
+    answer = dataclasses.replace(an_answer(covariance_m2=((9.0, 0.0), (0.0, 4.0))), wgs84_accuracy_m=added_m)
+    fix = published(answer)
+    assert fix.sigma_east_m == pytest.approx(math.hypot(plain.sigma_east_m, added_m))
+    assert fix.sigma_north_m == pytest.approx(math.hypot(plain.sigma_north_m, added_m))
+    assert fix.sigma_minor_m == pytest.approx(math.hypot(plain.sigma_minor_m, added_m))
 
 
-@pytest.mark.parametrize(
-    ("crs", "added_m"), [("EPSG:32611", 0.0), ("EPSG:26711", 7.0), ("EPSG:26911", 4.0), ("EPSG:25832", 1.0)]
-)
-def test_the_sigmas_hold_the_accuracy_of_the_operation_between_the_datums(crs: str, added_m: float) -> None:
-    lat_deg, lon_deg = (47.0, 9.0) if crs == "EPSG:25832" else (34.3, -117.0)
-    here = position(crs, 500_000.0, 3_795_000.0, lat_deg, lon_deg)
-    fix = published(an_answer(position=here, covariance_m2=((9.0, 0.0), (0.0, 4.0))))
-    assert fix.sigma_east_m == pytest.approx(math.hypot(3.0, added_m), rel=0.01)
-    assert fix.sigma_north_m == pytest.approx(math.hypot(2.0, added_m), rel=0.01)
+def test_the_accuracy_outlives_a_restart_and_an_index_without_it_is_read() -> None:
+    answer = dataclasses.replace(an_answer(), wgs84_accuracy_m=7.0)
+    stored = json.loads(ANSWER.dump_json(answer, by_alias=True))
+    assert ANSWER.validate_json(json.dumps(stored)).wgs84_accuracy_m == 7.0
+    del stored["wgs84_accuracy_m"]
+    assert ANSWER.validate_json(json.dumps(stored)).wgs84_accuracy_m == 0.0
 
 
 def test_a_configuration_says_of_a_dem_what_the_options_say() -> None:
