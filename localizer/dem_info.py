@@ -123,7 +123,7 @@ def suspect_zeros(z_m: NDArray[np.float32]) -> int:
 def info_fields(dem: Dem, info: DemInfo) -> dict[str, Any]:
     """As one JSON object."""
     files = [asdict(file) | {"path": str(file.path)} for file in dem.files]
-    return {"files": files} | asdict(info)
+    return {"files": files} | asdict(info) | {"notes": dem_notes(dem)}
 
 
 def info_text(dem: Dem, info: DemInfo) -> str:

@@ -53,7 +53,10 @@ def opened(path: Path) -> Iterator["DatasetReader"]:
     import rasterio
     from rasterio.errors import NotGeoreferencedWarning, RasterioError
 
-    name = _checked_name(path)
+    try:
+        name = _checked_name(path)
+    except (OSError, ValueError) as error:  # a name that no file can have
+        raise DemError(f"{str(path)[:200]}: {getattr(error, 'strerror', None) or error}") from None
     try:
         with warnings.catch_warnings(), rasterio.Env(GTIFF_REPORT_COMPD_CS=True, **NO_NETWORK):
             warnings.simplefilter("ignore", NotGeoreferencedWarning)  # said more clearly where it matters
@@ -79,6 +82,8 @@ def _checked_name(path: Path) -> str:
     if on_a_network(text):
         shown = re.sub(r"(?<=\w):/(?!/)", "://", text)  # a Path has one slash of two
         raise DemError(f"{shown}: {ON_A_NETWORK}")
+    if text.lstrip().startswith("<"):  # GDAL takes a whole VRT for a name
+        raise DemError(f"{text[:40]}...: is no file; write it into one and name that")
     if "vsistdin" in text:
         raise DemError(f"{path}: is standard input, not an elevation file; name a file")
     if not is_gdal_name(text):

@@ -1,5 +1,6 @@
 """What the DEM's datum and the altimeter's reference leave in doubt of an answer, and how that is said."""
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -29,9 +30,18 @@ def altitude_as_trusted(observation: Observation, dem: Dem) -> Observation:
 
 
 def without_altimeter(
-    terrain: "Terrain", observation: Observation, fix: Fix, search: "Callable[[Observation], Located]"
+    terrain: "Terrain",
+    observation: Observation,
+    fix: Fix,
+    search: "Callable[[Observation], Located]",
+    within_s: float = math.inf,
 ) -> Fix:
-    """What the frames say once the altitude is left out, where they fit no place with it. The answer stays ``none``."""
+    """What the frames say once the altitude is left out, where they fit no place with it. The answer stays ``none``.
+
+    Where the search took longer than ``within_s``, it is not made anew.
+    """
+    if sum(fix.timing_s.values()) > within_s:
+        return fix
     seeing = any(len(frame.u_px) > 1 for frame in observation.frames)
     if fix.status != "none" or observation.altitude_m is None or not seeing:
         return fix

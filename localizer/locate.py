@@ -284,6 +284,7 @@ def _details(
                 agreement=settled.agreement.get(frame.label),
                 left_out=left_out,
                 rim_share=rim_share,
+                quarters=turned.quarters,
             )
         )
     candidates = located.decision.candidates

@@ -58,6 +58,8 @@ RADIUS_SIGMAS, RADIUS_CELLS = 5.0, 5.0
 """Of the circle that is searched."""
 INSIDE = 0.9
 """Of its radius: a place nearer its edge may only be the way to one outside."""
+SEARCHED_ANEW_S = 30.0
+"""A search that took longer is not made anew without the altimeter: a vehicle waits for the answer."""
 WIDEST_RADIUS_SHARE = 0.25
 """Of the DEM's side: a wider circle saves nothing."""
 EVIDENCE_KEPT = 0.95
@@ -151,7 +153,9 @@ def follow(
     timing = {**(timing_s or {}), **located.timing_s}
     if located.best is None:
         fix = fix_of(terrain, observation, located, bundle_id, timing)
-        fix = without_altimeter(terrain, observation, fix, lambda o: locate(terrain, o, everywhere=False))
+        fix = without_altimeter(
+            terrain, observation, fix, lambda o: locate(terrain, o, everywhere=False), SEARCHED_ANEW_S
+        )
         kept = tuple(Posterior(h, None) for h in moved.now.hypotheses)
         return Step(bundle_id, mode, fix, kept, moved, None)
     decision = located.decision

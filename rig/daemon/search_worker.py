@@ -26,6 +26,7 @@ from localizer.bundle import Bundle, load_bundle
 from localizer.dem import load_dem
 from localizer.dem_info import dem_notes
 from localizer.dem_options import DemChoice
+from localizer.doubts import altitude_note
 from localizer.errors import SkyfixError
 from localizer.horizon.from_terrain import Terrain, prepare_terrain
 from localizer.jit import with_sound_kernels
@@ -97,6 +98,9 @@ def _located(terrain: Terrain, request: dict[str, Any]) -> dict[str, Any]:
     skylines = [frame_skyline(bundle, frame) for frame in bundle.frames]
     timing_s = {"horizon": time.perf_counter() - begin}
     step = follow(tracker, leg_of(request["leg"]), terrain, observe(bundle, skylines), bundle.id, timing_s)
+    for note in (altitude_note(step.fix, bundle, terrain.dem), step.fix.reason and step.fix.reason.text):
+        if note:
+            print(f"{bundle.id}: {note}", file=sys.stderr)
     _store(bundle.directory / FILE_NAME, bundle_skylines(bundle, skylines, step.fix, terrain))
     return {
         "track": track_line(step, terrain.dem).model_dump(mode="json", by_alias=True),

@@ -213,3 +213,20 @@ def test_a_camera_that_says_nothing_of_it_is_written_without(bundle_dir):
     text = load_bundle(bundle_dir).to_json()
     assert "model" not in text
     assert "focal_sigma_fraction" not in text
+
+
+@pytest.mark.parametrize("quarters", [0, 1, 2, 3])
+def test_what_is_drawn_is_measured_across_the_horizon(quarters):
+    """Five pixels above the predicted skyline, whichever way the frame lies."""
+    from localizer.details import FrameDetail
+    from localizer.export.figures import residuals_px
+
+    turned = upright(CAMERA, 90.0 * quarters)
+    columns = np.arange(20.0)
+    found = turned.as_recorded(columns, 100.0 + columns)
+    predicted = turned.as_recorded(columns, 105.0 + columns)
+    detail = FrameDetail("N", *found, np.ones(20, bool), *predicted, quarters=quarters)
+    assert np.allclose(residuals_px(detail), 5.0)
+    assert np.allclose(
+        detail.turned_px(*found, CAMERA.height_px, CAMERA.width_px), (columns, 100.0 + columns)
+    )
