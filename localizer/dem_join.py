@@ -7,19 +7,25 @@ nobody says which is right.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from affine import Affine
 from numpy.typing import NDArray
-from pyproj import CRS
 
 from localizer.crs import degrees_per_unit, geographic_crs, lattice_xy, own_lonlat_deg, readable_name
 from localizer.datum import DatumShift, datum_shift
-from localizer.dem_file import MAX_CELLS, DemError, Tile
+from localizer.dem_file import DemError, Tile
+from localizer.dem_mosaic import (
+    Whole,
+    check_cells,
+    check_connected,
+    misfit,
+    mosaic,
+    on_the_same_turn,
+    unreached,
+)
 
-ALIGNED_CELLS = 0.05
-"""Two files share a lattice if their cells lie that close together, in cells."""
 BRIDGED_CELLS = 0.25
 """So far beyond its outer cells a surface is continued, so that a seam has no gap."""
 MOST_OVERLAP = 0.25
@@ -30,16 +36,6 @@ ROWS_AT_ONCE = 256
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Whole:
-    """One lattice, voids and gaps NaN."""
-
-    z_m: NDArray[np.float32]
-    transform: Affine
-    crs: CRS
-    notes: tuple[str, ...] = ()
-
-
 def joined(tiles: Sequence[Tile]) -> Whole:
     """All tiles as one; where they overlap, the first counts. Raises ``DemError`` where they do not fit together."""
     first = tiles[0]
@@ -48,10 +44,10 @@ def joined(tiles: Sequence[Tile]) -> Whole:
     _check_heights(tiles)
     groups = _groups(tiles)
     if len(groups) == 1:
-        tiles = [_on_the_same_turn(first, tile) for tile in tiles]
-        _check_connected(tiles)
-        return _mosaic(tiles)
-    return _brought_together([_mosaic([_on_the_same_turn(g[0], t) for t in g]) for g in groups], groups)
+        tiles = [on_the_same_turn(first, tile) for tile in tiles]
+        check_connected(tiles)
+        return mosaic(tiles)
+    return _brought_together([mosaic([on_the_same_turn(g[0], t) for t in g]) for g in groups], groups)
 
 
 def _groups(tiles: Sequence[Tile]) -> list[list[Tile]]:
@@ -59,27 +55,12 @@ def _groups(tiles: Sequence[Tile]) -> list[list[Tile]]:
     groups: list[list[Tile]] = []
     for tile in tiles:
         for group in groups:
-            if _misfit(group[0], _on_the_same_turn(group[0], tile)) is None:
+            if misfit(group[0], on_the_same_turn(group[0], tile)) is None:
                 group.append(tile)
                 break
         else:
             groups.append([tile])
     return groups
-
-
-def _misfit(first: Tile, tile: Tile) -> str | None:
-    """Why two tiles share no lattice, and how they can be made to; None where they do."""
-    if not tile.crs.equals(first.crs, ignore_axis_order=True):
-        return f"their CRS differ ({first.crs.name}, {tile.crs.name})"
-    rows, cols = tile.z_m.shape
-    to_first = ~first.transform
-    col, row = to_first @ (tile.transform.c, tile.transform.f)
-    last_col, last_row = to_first @ (tile.transform @ (cols, rows))
-    if max(abs(last_col - col - cols), abs(last_row - row - rows)) > ALIGNED_CELLS:
-        return "their cells differ in size"
-    if max(abs(col - round(col)), abs(row - round(row))) > ALIGNED_CELLS:
-        return "their grids are shifted by part of a cell"
-    return None
 
 
 def _warp_command(base: Whole, tile: Tile, low: Floats, high: Floats) -> str:
@@ -106,68 +87,6 @@ def _check_heights(tiles: Sequence[Tile]) -> None:
                 f"{first.file.path} and {tile.file.path}: the elevations of one count from the ellipsoid, of the other from "
                 "the sea; bring both to one, with gdalwarp -t_srs CRS+5773"
             )
-
-
-def _mosaic(tiles: Sequence[Tile]) -> Whole:
-    """Tiles of one lattice, on that of the first."""
-    first = tiles[0]
-    origins = np.array([_origin_on(first, tile) for tile in tiles])  # (n, 2) row, col
-    ends = origins + np.array([tile.z_m.shape for tile in tiles])
-    top_left = origins.min(axis=0)
-    rows, cols = (int(size) for size in ends.max(axis=0) - top_left)
-    _check_cells(rows, cols, first)
-    z_m = np.full((rows, cols), np.nan, np.float32)
-    for tile, (row, col) in zip(tiles, origins - top_left, strict=True):
-        part = z_m[row : row + tile.z_m.shape[0], col : col + tile.z_m.shape[1]]
-        np.copyto(part, tile.z_m, where=np.isnan(part))
-    return Whole(z_m, first.transform @ Affine.translation(int(top_left[1]), int(top_left[0])), first.crs)
-
-
-def _check_cells(rows: int, cols: int, first: Tile) -> None:
-    if rows * cols > MAX_CELLS:
-        raise DemError(f"{first.file.path} and the other files: {rows} x {cols} cells together are too many")
-
-
-def _on_the_same_turn(first: Tile, tile: Tile) -> Tile:
-    """Files on both sides of the date line adjoin: longitudes by whole turns as near to the first file's as can be."""
-    if not tile.crs.is_geographic or not first.crs.is_geographic:
-        return tile
-    middles = [t.transform.c + 0.5 * t.transform.a * t.z_m.shape[1] for t in (first, tile)]
-    turn = 360.0 / degrees_per_unit(first.crs)
-    turns = round((middles[0] - middles[1]) / turn)
-    return replace(tile, transform=Affine.translation(turn * turns, 0.0) @ tile.transform)
-
-
-def _check_connected(tiles: Sequence[Tile]) -> None:
-    """Every tile must be reachable from the first over tiles that overlap or adjoin."""
-    first = tiles[0].transform
-    slack = np.array([first.a, -first.e]) / 4  # on both sides: half a cell is no gap
-    low = np.array([t.transform @ (0, t.z_m.shape[0]) for t in tiles]) - slack  # (n, 2) west, south
-    high = np.array([t.transform @ (t.z_m.shape[1], 0) for t in tiles]) + slack
-    apart = _unreached(low, high)
-    if apart is not None:
-        raise DemError(
-            f"{tiles[apart].file.path}: no overlap with {tiles[0].file.path}; the files of one DEM must overlap or adjoin"
-        )
-
-
-def _unreached(low: Floats, high: Floats) -> int | None:
-    """Of boxes (n, 2), the first that no chain of boxes which touch leads to from the first; None where there is none."""
-    reached = np.zeros(len(low), bool)
-    reached[0] = True
-    for _ in low:
-        for i in np.flatnonzero(reached):
-            reached |= ((low <= high[i]) & (low[i] <= high)).all(axis=1)
-    return None if reached.all() else int(np.flatnonzero(~reached)[0])
-
-
-def _origin_on(first: Tile, tile: Tile) -> tuple[int, int]:
-    """Row and col of the tile's first cell on the lattice of ``first``."""
-    col, row = ~first.transform @ (tile.transform.c, tile.transform.f)
-    return round(row), round(col)
-
-
-# ---- different lattices
 
 
 @dataclass(frozen=True)
@@ -227,7 +146,7 @@ def _brought_together(wholes: Sequence[Whole], groups: Sequence[Sequence[Tile]])
     top, left = (int(v) for v in np.ceil(low.min(axis=0) - 1e-6))  # cells whose centres are covered
     bottom, right = (int(v) for v in np.floor(high.max(axis=0) + 1e-6))
     rows, cols = bottom - top + 1, right - left + 1
-    _check_cells(rows, cols, groups[0][0])
+    check_cells(rows, cols, groups[0][0])
     z_m = np.full((rows, cols), np.nan, np.float32)
     for i, way in enumerate(ways):
         if i == finest:
@@ -300,10 +219,10 @@ def _check_side_by_side(
     """Refuses surfaces that lie over each other, and such as are nowhere near. ``low``, ``high``: (n, 2) on ``base``."""
     first = groups[0][0]
     near = bool(np.isfinite(low).all() and np.isfinite(high).all())
-    apart = _unreached(low - BRIDGED_CELLS, high + BRIDGED_CELLS) if near else len(groups) - 1
+    apart = unreached(low - BRIDGED_CELLS, high + BRIDGED_CELLS) if near else len(groups) - 1
     if apart is not None:
         other = groups[apart][0]
-        why = _misfit(first, _on_the_same_turn(first, other)) or ""
+        why = misfit(first, on_the_same_turn(first, other)) or ""
         raise DemError(
             f"{other.file.path}: no overlap with {first.file.path} ({why}); the files of one DEM must overlap or "
             "adjoin"
@@ -315,7 +234,7 @@ def _check_side_by_side(
         smaller = min(np.prod(high[i] - low[i]), np.prod(high[finest] - low[finest]))
         if bool((size > 0.0).all()) and float(np.prod(size)) > MOST_OVERLAP * smaller:
             tile = groups[finest][0]
-            why = _misfit(tile, _on_the_same_turn(tile, group[0])) or "they lie on different lattices"
+            why = misfit(tile, on_the_same_turn(tile, group[0])) or "they lie on different lattices"
             raise DemError(
                 f"{tile.file.path} and {group[0].file.path}: {why}, and they lie over each other; put one on "
                 f"the other's lattice with {_warp_command(base, group[0], low[i], high[i])}"
