@@ -1,5 +1,6 @@
 """Which way leads from a CRS to WGS84, how good it is, and what is done where there is none."""
 
+import json
 import math
 import os
 import subprocess
@@ -271,3 +272,16 @@ def test_the_moon_s_dem_of_gazebo_is_refused_in_one_line(skyfix_data, bundle_dir
     moon = skyfix_data / "reports/dem/dem_moon.tif"
     assert "another body" in refused("dem", "info", moon)
     assert "another body" in refused("locate", bundle_dir, "--dem", moon)
+
+
+def test_dem_info_s_json_says_the_same(write_raster, run):
+    path = write_raster(FLAT, crs="+proj=utm +zone=10 +ellps=clrk66 +units=m")
+    _, out, _ = run("dem", "info", path, "--json")
+    facts = json.loads(out)
+    assert facts["datum_known"] is False
+    assert any("--crs" in note for note in facts["notes"])
+    _, out, _ = run("dem", "info", path, "--json", "--crs", "EPSG:26710")
+    facts = json.loads(out)
+    assert facts["datum_known"] is True
+    assert facts["wgs84_accuracy_m"] == 7.0
+    assert facts["vertical_datum"].startswith("not stated")
