@@ -94,7 +94,7 @@ def _parts(name: str) -> list[str]:
 
 
 def _absolute_again(name: str) -> str:
-    """``/vsizip/tmp/a.zip/x`` meant ``/vsizip//tmp/a.zip/x`` where that is what there is."""
+    """``/vsizip/data/a.zip/x`` meant ``/vsizip//data/a.zip/x`` where that is what there is."""
     prefix = re.match(r"^(?:/vsi[a-z0-9]+)+/?", name, re.IGNORECASE)
     if prefix is None or prefix.end() >= len(name):
         return name
