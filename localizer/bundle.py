@@ -92,6 +92,8 @@ UtcTime: TypeAlias = Annotated[datetime, AfterValidator(_utc)]
 PixelCount: TypeAlias = Annotated[int, Field(gt=0, le=32768)]
 NARROWEST_VIEW_DEG, WIDEST_VIEW_DEG = 0.2, 170.0
 """Of a camera that skylines can be seen with, and a pinhole model stands for."""
+PERSPECTIVE = "perspective"
+"""The one camera model that is supported."""
 LEAST_INVERTIBLE = 0.6
 """Share of a picture where a lens model must be one to one; many fold over in the corners."""
 FocalLength: TypeAlias = Annotated[float, Field(gt=0.0, le=1e6)]
@@ -107,6 +109,20 @@ class _Part(BaseModel):
     model_config = ConfigDict(frozen=True, extra="allow", allow_inf_nan=False)
 
 
+def _perspective(model: str) -> str:
+    if model != PERSPECTIVE:
+        raise ValueError(
+            f"is not supported; only {PERSPECTIVE} is, with OpenCV's five coefficients k1, k2, p1, p2, k3"
+        )
+    return model
+
+
+def _known_focal_length(sigma_fraction: float) -> float:
+    if sigma_fraction != 0.0:
+        raise ValueError("is not supported yet; should be 0 or absent: calibrate the camera's focal length")
+    return sigma_fraction
+
+
 class Camera(_Part):
     """Intrinsics as OpenCV has them; pixel centres at whole numbers."""
 
@@ -118,6 +134,8 @@ class Camera(_Part):
     cy_px: float
     distortion: tuple[Distortion, Distortion, Distortion, Distortion, Distortion] = (0.0, 0.0, 0.0, 0.0, 0.0)
     """k1, k2, p1, p2, k3."""
+    model: Annotated[str, AfterValidator(_perspective)] = PERSPECTIVE
+    focal_sigma_fraction: Annotated[float, AfterValidator(_known_focal_length)] = 0.0
 
     @model_validator(mode="after")
     def _is_a_camera(self) -> Self:
@@ -205,10 +223,13 @@ class Bundle(_Part):
         return self._directory
 
     def to_json(self) -> str:
-        """What ``bundle.json`` holds, unknown fields included; ``prior`` is absent where there is none."""
+        """What ``bundle.json`` holds, unknown fields included; ``prior`` is absent where there is none, what a camera
+        does not say likewise."""
         fields: dict[str, Any] = self.model_dump(mode="json", by_alias=True)
         if fields["prior"] is None:
             del fields["prior"]
+        for name in {"model", "focal_sigma_fraction"} - self.camera.model_fields_set:
+            del fields["camera"][name]
         return json.dumps(fields, indent=2, allow_nan=False) + "\n"
 
 
@@ -245,7 +266,7 @@ def load_bundle(path: Path) -> Bundle:
 
 
 def frame_image(bundle: Bundle, frame: Frame) -> NDArray[np.uint8]:
-    """The picture of ``frame``: BGR, (height_px, width_px, 3), exactly as stored.
+    """The picture of ``frame``: BGR, (height_px, width_px, 3), as stored; for its orientation tag see ``decode_picture``.
 
     Raises ``BundleError`` if the file is missing, leads outside the bundle, differs from its checksum, is no
     picture or has another size than the camera.
@@ -254,8 +275,9 @@ def frame_image(bundle: Bundle, frame: Frame) -> NDArray[np.uint8]:
     content = _content(bundle.directory, frame.file, f"{place}.file")
     if hashlib.sha256(content).hexdigest() != frame.sha256:
         raise BundleError(f"{place}.sha256: {frame.file} has another checksum; it changed after the capture")
+    quarters = round(frame.roll_deg / 90.0) % 4
     try:
-        return decode_picture(content, bundle.camera.width_px, bundle.camera.height_px)
+        return decode_picture(content, bundle.camera.width_px, bundle.camera.height_px, quarters)
     except PictureError as error:
         raise BundleError(f"{place}.file: {frame.file} {error}") from None
 

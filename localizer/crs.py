@@ -5,7 +5,9 @@ from functools import lru_cache
 import numpy as np
 from affine import Affine
 from numpy.typing import ArrayLike, NDArray
-from pyproj import CRS, Transformer
+from pyproj import CRS, Transformer, network
+
+network.set_network_enabled(False)  # type: ignore[attr-defined]  # whatever PROJ_NETWORK says: nothing is downloaded at run time
 
 WGS84 = CRS.from_epsg(4326)
 LONGEST_NAME = 30
@@ -68,16 +70,26 @@ def degrees_per_unit(geographic: CRS) -> float:
 
 @lru_cache(maxsize=64)
 def geographic_crs(crs: CRS) -> CRS:
-    """The two-dimensional geographic CRS that ``crs`` stands on; itself if it is geographic."""
+    """The two-dimensional geographic CRS that ``crs`` stands on; itself if it is geographic and its poles are the Earth's.
+
+    A derived one (a rotated pole) counts in degrees, too, but its north is not true north: what it is derived from counts.
+    """
     geographic = crs if crs.is_geographic else crs.geodetic_crs
+    while geographic is not None and "Derived" in geographic.type_name:
+        geographic = geographic.source_crs
     if geographic is None:
         raise ValueError(f"{crs.name} has no geodetic datum")
     return geographic.to_2d()
 
 
+def is_projected(crs: CRS) -> bool:
+    """Whether the CRS is a map projection, or one derived from that."""
+    return bool(crs.is_projected) or crs.type_name == "Derived Projected CRS"
+
+
 def is_metric(crs: CRS) -> bool:
     """Whether the CRS is a map projection in metres."""
-    return bool(crs.is_projected) and all(axis.unit_conversion_factor == 1.0 for axis in crs.axis_info)
+    return is_projected(crs) and all(axis.unit_conversion_factor == 1.0 for axis in crs.axis_info)
 
 
 def wrapped_deg(lon_deg: ArrayLike) -> NDArray[np.float64]:

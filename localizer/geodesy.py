@@ -52,23 +52,44 @@ def xy_to_rowcol(dem: Dem, x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
 
 def rowcol_to_metric(dem: Dem, row: ArrayLike, col: ArrayLike) -> tuple[Floats, Floats]:
     """Easting, northing in ``dem.metric_crs``."""
-    return transform_xy(dem.crs, dem.metric_crs, *rowcol_to_xy(dem, row, col))
+    return xy_to_metric(dem, *rowcol_to_xy(dem, row, col))
+
+
+def xy_to_metric(dem: Dem, x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
+    """Easting, northing in ``dem.metric_crs`` of coordinates in the DEM's own CRS."""
+    if dem.crs == dem.metric_crs:
+        return transform_xy(dem.crs, dem.metric_crs, x, y)
+    return transform_xy(WGS84, dem.metric_crs, *dem.to_lonlat_deg(x, y))
+
+
+def metric_to_lonlat(dem: Dem, easting_m: ArrayLike, northing_m: ArrayLike) -> tuple[Floats, Floats]:
+    """WGS84 longitude, -180 <= lon < 180, and latitude of coordinates in ``dem.metric_crs``."""
+    if dem.crs == dem.metric_crs:
+        return _wrapped(*dem.to_lonlat_deg(easting_m, northing_m))
+    return _wrapped(*transform_xy(dem.metric_crs, WGS84, easting_m, northing_m))
 
 
 def metric_to_rowcol(dem: Dem, easting_m: ArrayLike, northing_m: ArrayLike) -> tuple[Floats, Floats]:
     """Row, col of coordinates in ``dem.metric_crs``."""
-    return xy_to_rowcol(dem, *transform_xy(dem.metric_crs, dem.crs, easting_m, northing_m))
+    if dem.crs == dem.metric_crs:
+        return xy_to_rowcol(dem, easting_m, northing_m)
+    return xy_to_rowcol(
+        dem, *dem.from_lonlat_deg(*transform_xy(dem.metric_crs, WGS84, easting_m, northing_m))
+    )
 
 
 def rowcol_to_lonlat(dem: Dem, row: ArrayLike, col: ArrayLike) -> tuple[Floats, Floats]:
     """Longitude, -180 <= lon < 180 whatever the DEM's own are, and latitude in degrees, WGS84."""
-    lon_deg, lat_deg = transform_xy(dem.crs, WGS84, *rowcol_to_xy(dem, row, col))
+    return _wrapped(*dem.to_lonlat_deg(*rowcol_to_xy(dem, row, col)))
+
+
+def _wrapped(lon_deg: Floats, lat_deg: Floats) -> tuple[Floats, Floats]:
     return wrapped_deg(lon_deg), lat_deg
 
 
 def lonlat_to_rowcol(dem: Dem, lon_deg: ArrayLike, lat_deg: ArrayLike) -> tuple[Floats, Floats]:
     """Row, col of WGS84 longitudes, off by whole turns or not, and latitudes."""
-    return xy_to_rowcol(dem, *transform_xy(WGS84, dem.crs, wrapped_deg(lon_deg), lat_deg))
+    return xy_to_rowcol(dem, *dem.from_lonlat_deg(wrapped_deg(lon_deg), lat_deg))
 
 
 def bounds_deg(

@@ -111,9 +111,9 @@ def draw_frame(axes: Axes, image: NDArray[np.uint8], frame: FrameDetail, residua
     height_px, width_px = image.shape[:2]
     axes.imshow(image[:, :, ::-1], interpolation="antialiased")
     for chosen, colour in ((~frame.used, DOUBTFUL), (frame.used, FOUND)):
-        u_px, v_px = _broken_line(frame.found_u_px[chosen], frame.found_v_px[chosen])
+        u_px, v_px = _broken_line(frame, frame.found_u_px[chosen], frame.found_v_px[chosen])
         axes.plot(u_px, v_px, color=colour, lw=2.8, solid_capstyle="round")
-    order = np.argsort(frame.predicted_u_px)
+    order = np.argsort(frame.turned_px(frame.predicted_u_px, frame.predicted_v_px)[0])
     axes.plot(
         frame.predicted_u_px[order], frame.predicted_v_px[order], color=PREDICTED, lw=1.3, ls=(0, (5, 2))
     )
@@ -127,11 +127,12 @@ def draw_frame(axes: Axes, image: NDArray[np.uint8], frame: FrameDetail, residua
     axes.set_title(f"{frame.label}{residual}", fontsize=11, loc="left", pad=4)
 
 
-def _broken_line(u_px: Floats, v_px: Floats) -> tuple[Floats, Floats]:
-    """The points in the order of their columns, with a gap wherever columns are missing."""
-    order = np.argsort(u_px)
+def _broken_line(frame: FrameDetail, u_px: Floats, v_px: Floats) -> tuple[Floats, Floats]:
+    """The points in the order of their columns, once the frame has its sky up, with a gap wherever columns are missing."""
+    column_px = frame.turned_px(u_px, v_px)[0]
+    order = np.argsort(column_px)
     u_px, v_px = u_px[order], v_px[order]
-    gaps = np.flatnonzero(np.diff(u_px) > 1.5) + 1
+    gaps = np.flatnonzero(np.diff(column_px[order]) > 1.5) + 1
     return np.insert(u_px, gaps, np.nan), np.insert(v_px, gaps, np.nan)
 
 

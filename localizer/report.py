@@ -13,6 +13,7 @@ from localizer.crs import WGS84, readable_name, transform_xy
 from localizer.dem import Dem
 from localizer.details import CONTRADICTS, LocateDetails, LocateResult
 from localizer.documents import MOST_JSON_BYTES, DocumentError, json_text, read_file
+from localizer.doubts import altitude_note, reason_note
 from localizer.errors import SkyfixError
 from localizer.fix import Fix, Position
 from localizer.geodesy import meridian_convergence_deg
@@ -118,6 +119,8 @@ def lat_lon(position: Position) -> str:
 def report(fix: Fix, dem: Dem, truth: Truth | None = None) -> str:
     """The fix in lines for people to read."""
     lines = [f"bundle      {fix.bundle}", f"status      {STATUS_IN_WORDS[fix.status]}"]
+    if fix.reason is not None:
+        lines.append(f"reason      {fix.reason.text}")
     if fix.position is not None:
         lines += _position_lines(fix, fix.position, dem)
     if fix.position is not None and truth is not None:
@@ -140,13 +143,28 @@ def notes(result: LocateResult, bundle: Bundle, dem: Dem) -> list[str]:
             "the DEM does not explain the frames as the terrain itself would (--dem-error 0); its error was estimated instead"
         )
     looked = any(np.count_nonzero(frame.used) > 1 for frame in result.details.frames)
-    if result.fix.status == "none" and looked and stage1.after_altitude == 0:
+    empty = result.fix.status == "none" and looked and stage1.after_altitude == 0
+    if empty:
         where = "in the DEM" if bundle.prior is None else "in the circle of the bundle's prior"
         said.append(
             f"no ground {where} lies as high as the altitude and the mast's height say; check these, the unit of the DEM's "
             f"elevations{'' if bundle.prior is None else ', and the prior'}"
         )
+    if fix_note := altitude_note(result.fix, bundle, dem):
+        said.append(fix_note)
+    reason = (
+        reason_note(result.fix) if dem.shift.known else None
+    )  # the DEM's own notes say what is not known of it
+    if reason is not None and not (empty and _says_no_more(reason, bundle)):
+        said.append(reason)
     return said
+
+
+def _says_no_more(reason: str, bundle: Bundle) -> bool:
+    """Than that no ground lies as high as the altitude."""
+    from localizer.search.reasons import no_ground_at_altitude  # beside the search, which is slow to import
+
+    return bundle.altitude is not None and reason == no_ground_at_altitude(bundle.altitude.value_m).text
 
 
 def frame_notes(details: LocateDetails) -> list[str]:
@@ -178,6 +196,13 @@ STATUS_IN_WORDS = {
 }
 
 
+def _datum(dem: Dem) -> str:
+    """What latitudes and longitudes are worth."""
+    if not dem.shift.known:
+        return "not on WGS84: the DEM's datum is not known"
+    return f"WGS84, datum good to {dem.shift.accuracy_m:g} m" if dem.shift.accuracy_m else "WGS84"
+
+
 def _off(fix: Fix, truth: Truth, dem: Dem) -> str:
     return "no sigma" if fix.covariance_m2 is None else f"{sigmas_off(fix, truth, dem):.1f} sigma"
 
@@ -193,7 +218,7 @@ def _map_name(position: Position, dem: Dem) -> str:
 
 def _position_lines(fix: Fix, position: Position, dem: Dem) -> list[str]:
     lines = [
-        f"position    {lat_lon(position)}  (WGS84)",
+        f"position    {lat_lon(position)}  ({_datum(dem)})",
         f"            {position.easting_m:.1f} E  {position.northing_m:.1f} N  ({_map_name(position, dem)})",
         f"            row {position.row:.2f}  col {position.col:.2f}  ground {position.ground_m:.1f} m",
     ]

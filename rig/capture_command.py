@@ -218,7 +218,7 @@ def _configured_dem(config: RigConfig, path: Path) -> DemChoice:
     from rig.daemon.named_files import check_dem
 
     check_dem(config.run, path)
-    return DemChoice(config.run.dem, error_m=config.run.dem_error_m)
+    return config.run.chosen_dem
 
 
 def _directions(names: str | None) -> list[Direction]:

@@ -93,11 +93,11 @@ def check_all(
     """
     from localizer.dem_options import DemChoice
 
-    paths = tuple(dem_paths) or (config.run.dem if config.run else ())
+    choice = DemChoice(tuple(dem_paths)) if dem_paths else config.run.chosen_dem if config.run else None
     unread = []
-    if dem is None and paths:
+    if dem is None and choice is not None:
         try:
-            dem = DemChoice(tuple(paths)).load()
+            dem = choice.load()
         except SkyfixError as error:
             unread = [DeviceCheck("elevation model", "", "", "", (), (), str(error))]
     return [*check_devices(config, dem), *unread]

@@ -1,5 +1,6 @@
 """The simulator's own reading of a digital elevation model."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,7 @@ from affine import Affine
 from numpy.typing import NDArray
 from pyproj import CRS, Geod, Transformer
 from pyproj.exceptions import CRSError
+from rasterio.enums import ColorInterp
 
 from sim.errors import SimulationError
 
@@ -21,9 +23,22 @@ FEET = {
     "us survey foot": 1200.0 / 3937.0,
     "us-ft": 1200.0 / 3937.0,
 }
+DECIMAL = {
+    "dm": 0.1,
+    "decimetre": 0.1,
+    "decimeter": 0.1,
+    "cm": 0.01,
+    "centimetre": 0.01,
+    "centimeter": 0.01,
+    "mm": 0.001,
+}
 METRES = {"", "m", "metre", "metres", "meter", "meters"}
 NOT_UPRIGHT = ("transverse", "hotine", "oblique", "space oblique", "swiss oblique")
 _GEOD = Geod(ellps="WGS84")
+LOWEST_M, HIGHEST_M = -501.0, 9001.0  # no land lies beyond
+NETWORK = re.compile(
+    r"vsi(curl|s3|gs|az|adls|oss|swift|hdfs|webhdfs)|\b(https?|ftp|s3|gs|az|abfss?):/", re.IGNORECASE
+)
 ALIGNMENT_TOLERANCE_CELLS = 0.01  # adjoining files must lie on one lattice
 
 
@@ -111,24 +126,33 @@ def crs_name(crs: CRS) -> str:
 
 
 def _read_tile(path: Path) -> tuple[NDArray[np.float32], Affine, CRS]:
+    name = str(path)
+    if NETWORK.search(name):
+        raise SimulationError(f"DEM {path}: lies on a network, and nothing is downloaded; name a file")
     if path.exists() and not path.is_file():  # a pipe would be waited for
         raise SimulationError(f"DEM {path}: is not a file but a directory or a pipe")
+    if path.is_file() and name.endswith(".gz"):
+        name = f"/vsigzip/{name}"
+    packed = re.match(r"(?:/vsi(?:zip|gzip|tar)/)+", name)
+    inner = Path(name[packed.end() - 1 :]) if packed else None
+    if packed and inner and any(folder.is_file() for folder in (inner, *inner.parents)):
+        name = name[: packed.end()] + str(inner)  # absolute: a Path has lost the second slash
     try:
-        with rasterio.open(path) as dataset:
+        with rasterio.open(name) as dataset:
             if dataset.crs is None:
                 raise SimulationError(
                     f"DEM {path}: the file names no CRS; add one, for example with gdal_edit"
                 )
-            band = dataset.read(1, masked=True)
-            height_m = np.where(np.ma.getmaskarray(band), np.nan, band.data).astype(np.float64)
-            height_m *= _metres_per_unit(path, dataset.units[0])
+            height_m = _elevations_m(path, dataset)
             transform, crs = (
                 dataset.transform @ Affine.translation(0.5, 0.5),
                 CRS.from_wkt(dataset.crs.to_wkt()),
             )
     except (rasterio.errors.RasterioError, CRSError) as error:
         raise SimulationError(f"DEM {path}: {error}; name a raster that GDAL reads") from error
-    if not (crs.is_geographic or crs.is_projected):
+    ellipsoid = crs.ellipsoid
+    earthly = ellipsoid is None or 6.35e6 < (ellipsoid.semi_major_metre or 0.0) < 6.40e6
+    if not (crs.is_geographic or crs.is_projected) or not earthly:
         raise SimulationError(
             f"DEM {path}: its CRS, {crs.name}, is nowhere on the Earth; correct it, for example with gdal_edit"
         )
@@ -137,12 +161,33 @@ def _read_tile(path: Path) -> tuple[NDArray[np.float32], Affine, CRS]:
     return height_m.astype(np.float32), transform, crs
 
 
+def _elevations_m(path: Path, dataset: rasterio.DatasetReader) -> NDArray[np.float64]:
+    """The one band in metres, voids NaN: masked, transparent, and what no land is as high or as low as."""
+    bands = [i for i in dataset.indexes if dataset.colorinterp[i - 1] != ColorInterp.alpha]
+    if len(bands) != 1:
+        raise SimulationError(f"DEM {path}: holds {len(bands)} bands; name a file with the elevations alone")
+    index = bands[0] - 1
+    scale, offset = dataset.scales[index], dataset.offsets[index]
+    if not (np.isfinite([scale, offset]).all() and scale != 0.0):
+        raise SimulationError(f"DEM {path}: its scale {scale:g} and offset {offset:g} make no elevations")
+    band = dataset.read(bands[0], masked=True)
+    height_m: NDArray[np.float64] = np.where(np.ma.getmaskarray(band), np.nan, band.data).astype(np.float64)
+    for other in set(dataset.indexes) - set(bands):
+        height_m[dataset.read(other) == 0] = np.nan
+    height_m = (height_m * scale + offset) * _metres_per_unit(path, dataset.units[index])
+    with np.errstate(invalid="ignore"):
+        height_m[~((height_m > LOWEST_M) & (height_m < HIGHEST_M))] = np.nan
+    return np.asarray(height_m)
+
+
 def _metres_per_unit(path: Path, unit: str | None) -> float:
     name = (unit or "").strip().lower()
     if name in METRES:
         return 1.0
     if name in FEET:
         return FEET[name]
+    if name.removesuffix("s") in DECIMAL:
+        return DECIMAL[name.removesuffix("s")]
     raise SimulationError(f"DEM {path}: unknown vertical unit {unit!r}; convert the file to metres")
 
 

@@ -39,15 +39,11 @@ def residuals_px(frame: FrameDetail) -> Floats:
     """By how many pixels the skyline found lies above the predicted one, (n,); NaN where none is predicted."""
     if len(frame.predicted_u_px) < 2:
         return np.full(len(frame.found_u_px), np.nan)
-    order = np.argsort(frame.predicted_u_px)
-    predicted_v_px = np.interp(
-        frame.found_u_px,
-        frame.predicted_u_px[order],
-        frame.predicted_v_px[order],
-        left=np.nan,
-        right=np.nan,
-    )
-    return np.asarray(predicted_v_px - frame.found_v_px)
+    column_px, row_px = frame.turned_px(frame.predicted_u_px, frame.predicted_v_px)
+    found_column_px, found_row_px = frame.turned_px(frame.found_u_px, frame.found_v_px)
+    order = np.argsort(column_px)
+    predicted_row_px = np.interp(found_column_px, column_px[order], row_px[order], left=np.nan, right=np.nan)
+    return np.asarray(predicted_row_px - found_row_px)
 
 
 def frame_picture(image: NDArray[np.uint8], frame: FrameDetail, rms_px: float | None) -> bytes:
@@ -62,21 +58,25 @@ def frame_picture(image: NDArray[np.uint8], frame: FrameDetail, rms_px: float | 
     axes = figure.add_axes((0.075, below / whole, 0.915, 0.915 * tall / whole))
     draw_frame(axes, image, frame, rms_px)
     if placed:
-        _draw_residuals(figure.add_axes((0.075, 0.42 / whole, 0.915, 1.05 / whole)), frame, width_px, rms_px)
+        below_picture = figure.add_axes((0.075, 0.42 / whole, 0.915, 1.05 / whole))
+        _draw_residuals(below_picture, frame, height_px, width_px, rms_px)
     return _webp(figure)
 
 
-def _draw_residuals(axes: Axes, frame: FrameDetail, width_px: int, rms_px: float | None) -> None:
+def _draw_residuals(
+    axes: Axes, frame: FrameDetail, height_px: int, width_px: int, rms_px: float | None
+) -> None:
+    column_px = frame.turned_px(frame.found_u_px, frame.found_v_px, height_px, width_px)[0]
     residual_px = residuals_px(frame)
     if rms_px is not None:
         axes.axhspan(-rms_px, rms_px, color="#e6eef5", lw=0.0)
     axes.axhline(0.0, color="#8a8f98", lw=0.8)
     for chosen, colour in ((~frame.used, DOUBTFUL), (frame.used, "#0086a8")):
-        axes.plot(frame.found_u_px[chosen], residual_px[chosen], ".", color=colour, ms=2.5)
+        axes.plot(column_px[chosen], residual_px[chosen], ".", color=colour, ms=2.5)
     known = np.abs(residual_px[frame.used & np.isfinite(residual_px)])
     # a few stray columns must not flatten all others
     reach_px = max(LEAST_RESIDUAL_RANGE_PX, 1.3 * float(np.percentile(known, 98)) if known.size else 0.0)
-    axes.set_xlim(-0.5, width_px - 0.5)
+    axes.set_xlim(-0.5, (height_px if frame.quarters % 2 else width_px) - 0.5)
     axes.set_ylim(-reach_px, reach_px)
     axes.set_xlabel("column, px", fontsize=9, labelpad=1)
     axes.set_ylabel("found above\npredicted, px", fontsize=8, labelpad=1)

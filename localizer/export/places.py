@@ -1,15 +1,14 @@
 """The places that a result names, in the terms of all files that it is exported to."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from localizer.crs import WGS84, transform_xy, wrapped_deg
 from localizer.dem import Dem
 from localizer.details import LocateResult
 from localizer.fix import Status
-from localizer.geodesy import map_metres_at, rowcol_to_lonlat, rowcol_to_metric
+from localizer.geodesy import map_metres_at, metric_to_lonlat, rowcol_to_lonlat, rowcol_to_metric
 from localizer.ground import MapMetres
 from localizer.report import CHI2_95, EllipseAxes, ellipse
 
@@ -87,9 +86,11 @@ def ellipse_ring_m(place: Place) -> tuple[NDArray[np.float64], NDArray[np.float6
 
 
 def ellipse_ring_lonlat(place: Place, dem: Dem) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The same ring in WGS84 longitudes, -180 <= lon < 180, and latitudes."""
-    lon_deg, lat_deg = transform_xy(dem.metric_crs, WGS84, *ellipse_ring_m(place))
-    return wrapped_deg(lon_deg), lat_deg
+    """The same ring in WGS84 longitudes, -180 <= lon < 180, and latitudes, the accuracy of the operation between the datums
+    included.
+    """
+    wider = replace(place, covariance_m2=place.covariance_m2 + dem.lonlat_accuracy_m**2 * np.eye(2))
+    return metric_to_lonlat(dem, *ellipse_ring_m(wider))
 
 
 def place_name(place: Place, status: Status, count: int, bundle: str) -> str:

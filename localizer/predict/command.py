@@ -105,7 +105,7 @@ def predict(
     if camera_path is not None and width_deg is not None:
         raise SkyfixError("--fov-deg: the camera has a width of its own; give one of --camera and --fov-deg")
     camera = lens.load_camera(camera_path) if camera_path is not None else None
-    dem = chosen_dem.load()
+    dem = chosen_dem.load_to_search("localizer")
     place = standpoint(dem, lat_deg, lon_deg, mast_height_m)
 
     from localizer.horizon.from_terrain import prepare_terrain

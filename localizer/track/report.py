@@ -2,6 +2,7 @@
 
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from localizer.crs import wrapped_lon_deg
@@ -76,7 +77,7 @@ def _hypothesis(posterior: Posterior, dem: Dem) -> TrackHypothesis:
         lon_deg=at.lon_deg,
         row=float(row),
         col=float(col),
-        covariance_m2=matrix(here.ground_covariance(at.covariance)),
+        covariance_m2=matrix(here.ground_covariance(at.covariance) + dem.metric_accuracy_m**2 * np.eye(2)),
         probability=posterior.hypothesis.probability,
         seen=posterior.number is not None,
     )
@@ -98,6 +99,8 @@ def step_text(step: Step) -> str:
     if fix.status == "none":
         kept = len(step.posteriors)
         parts.append(f"{kept} earlier {'place' if kept == 1 else 'places'} kept")
+    if fix.reason is not None:
+        parts.append(f"({fix.reason.code})")
     if step.left_out is not None:
         parts.append(f"without frame {step.left_out}, which contradicts the others")
     parts.append(f"({step.mode})")

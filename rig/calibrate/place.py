@@ -50,6 +50,16 @@ def known_place(
 ) -> KnownPlace:
     """The place in the elevation model. ``CalibrationError`` where that does not cover it."""
     dem = load_dem(dem_paths)
+    if not dem.shift.known:
+        raise CalibrationError(
+            f"{dem_paths[0]}: its datum is not known, so {option} may lie hundreds of metres off in it; write the CRS with its "
+            "datum into the file, with gdal_edit -a_srs EPSG:..."
+        )
+    if dem.heights.altitude_sigma_m:
+        raise CalibrationError(
+            f"{dem_paths[0]}: its elevations count from the ellipsoid, an altimeter's from the sea; bring them there, with "
+            "gdalwarp -t_srs EPSG:...+5773"
+        )
     row, col = (float(x) for x in lonlat_to_rowcol(dem, lon_deg, lat_deg))
     ground_m = float(dem.ground_m(row, col))
     if not np.isfinite(ground_m):

@@ -62,6 +62,8 @@ class Answer:
     vehicle_heading_sigma_deg: float | None
     before_start: bool = False
     """Captured before the daemon began: nobody watched meanwhile whether the vehicle moved, so it is never current."""
+    wgs84_accuracy_m: float = 0.0
+    """What latitude and longitude are the more uncertain by than easting and northing: the way from the DEM's datum."""
 
 
 @dataclass(frozen=True)

@@ -59,12 +59,12 @@ def run_of(config: RigConfig, path: Path) -> RunSection:
 
 def start_worker(run: RunSection) -> SearchProcess:
     """A search process, which has still to read its DEM."""
-    return SearchProcess(run.dem, run.search.memory_mb, run.search.time_s, dem_error_m=run.dem_error_m)
+    return SearchProcess(run.dem, run.search.memory_mb, run.search.time_s, chosen_dem=run.chosen_dem)
 
 
 def _searched(run: RunSection) -> tuple[object, ...]:
     """What a search process is started with."""
-    return run.dem, run.dem_error_m, run.search
+    return run.chosen_dem, run.search
 
 
 def worker_with_terrain(run: RunSection, beat: Callable[[], None]) -> SearchProcess:

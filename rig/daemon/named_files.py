@@ -4,6 +4,7 @@ import os
 import stat
 from pathlib import Path
 
+from localizer.dem_names import is_gdal_name
 from rig.bundle.writer import existing_part
 from rig.daemon.config import RunSection
 from rig.daemon.http.guard import read_token
@@ -34,7 +35,7 @@ def check_named_files(run: RunSection, config_path: Path) -> None:
 def check_dem(run: RunSection, config_path: Path) -> None:
     """The same of the elevation files alone. What only GDAL can find, inside an archive or a database, is left to it."""
     for file in run.dem:
-        if ":" in str(file) or "/vsi" in str(file):
+        if is_gdal_name(str(file)):
             continue
         try:
             found = file.stat()

@@ -79,6 +79,7 @@ def published(answer: Answer) -> PublishedFix:
     if position is None or covariance_m2 is None:
         raise ValueError(f"{answer.bundle} is no fix")
     of_true_m2 = true_covariance_m2(position, covariance_m2)
+    of_true_m2 = of_true_m2 + answer.wgs84_accuracy_m**2 * np.eye(2)
     (east_m2, between_m2), (_, north_m2) = of_true_m2.tolist()
     axes = ellipse(((east_m2, between_m2), (between_m2, north_m2)))
     return PublishedFix(

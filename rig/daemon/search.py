@@ -169,6 +169,7 @@ def answer_of(entry: Entry, found: Found, started: Instant | None = None) -> Ans
         vehicle_heading_sigma_deg=heading[1] if heading else None,
         before_start=entry.boot != boot_id()
         or (started is not None and captured.monotonic_s < started.monotonic_s),
+        wgs84_accuracy_m=found.wgs84_accuracy_m,
     )
 
 

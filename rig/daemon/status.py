@@ -56,6 +56,7 @@ def answer_json(answer: Answer | None, now: Instant) -> dict[str, Any] | None:
         "altitude_m": answer.altitude_m,
         "vehicle_heading_deg": answer.vehicle_heading_deg,
         "vehicle_heading_sigma_deg": answer.vehicle_heading_sigma_deg,
+        "wgs84_accuracy_m": answer.wgs84_accuracy_m,
         "elsewhere": answer.elsewhere,
         "fix": answer.fix.model_dump(mode="json", by_alias=True),
     }

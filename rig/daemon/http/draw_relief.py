@@ -1,4 +1,4 @@
-"""A process of its own that draws a DEM: ``python -m rig.daemon.http.draw_relief FILE...``.
+"""A process of its own that draws a DEM: ``python -m rig.daemon.http.draw_relief DEM``, a ``DemChoice`` as JSON.
 
 Standard output gets one line of JSON, the fields of ``MapSheet`` but for ``image``, and then the picture, WebP.
 """
@@ -6,12 +6,12 @@ Standard output gets one line of JSON, the fields of ``MapSheet`` but for ``imag
 import json
 import os
 import sys
-from pathlib import Path
 
 import cv2
 import numpy as np
 
-from localizer.dem import load_dem
+from localizer.dem_options import DemChoice
+from localizer.documents import json_values
 from localizer.errors import SkyfixError
 from localizer.ground import map_metres
 from localizer.relief import dem_bounds_m, relief_image
@@ -25,11 +25,11 @@ NICENESS = 5
 """Nobody waits for a map while the head has to be moved."""
 
 
-def main(files: list[str]) -> int:
+def main(choice: str) -> int:
     """Draw; the status is 2 where the DEM cannot be used."""
     os.nice(NICENESS)
     try:
-        dem = load_dem([Path(file) for file in files])
+        dem = DemChoice.from_fields(json_values(choice)).load()
     except SkyfixError as error:
         print(error, file=sys.stderr)
         return 2
@@ -59,4 +59,4 @@ def main(files: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main(sys.argv[1]))

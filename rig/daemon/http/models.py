@@ -56,6 +56,8 @@ class BundleAnswer(_Part):
     vehicle_heading_deg: float | None
     """From true north."""
     vehicle_heading_sigma_deg: float | None
+    wgs84_accuracy_m: float
+    """What latitude and longitude are the more uncertain by than the fix's covariance says, by the way from the DEM's datum."""
 
 
 class LatestAnswer(BundleAnswer):
@@ -216,6 +218,7 @@ def _answer_fields(answer: Answer) -> dict[str, Any]:
         "altitude_m": answer.altitude_m,
         "vehicle_heading_deg": answer.vehicle_heading_deg,
         "vehicle_heading_sigma_deg": answer.vehicle_heading_sigma_deg,
+        "wgs84_accuracy_m": answer.wgs84_accuracy_m,
     }
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import uvicorn
 
+from localizer.dem_options import DemChoice
 from rig.daemon.board import Actions, Board
 from rig.daemon.config import HttpServer
 from rig.daemon.http.app import make_app
@@ -41,7 +42,7 @@ def serving(
     board: Board,
     actions: Actions,
     spool: BundleStore,
-    dem_paths: Sequence[Path],
+    dem: DemChoice | Sequence[Path],
     loops: Loops | None = None,
 ) -> Iterator[str]:
     """Serve while the context lasts, and yield the URL; with port 0 the system chooses one. ``loops`` get its beat.
@@ -50,7 +51,7 @@ def serving(
     """
     token = read_token(section.token_file) if section.token_file else None
     listening = _listen(section.listen)
-    relay, relief = Relay(board), ReliefMap(dem_paths)
+    relay, relief = Relay(board), ReliefMap(dem)
     app = make_app(section, board, actions, spool, relay, relief, token, loops)
     server = uvicorn.Server(
         uvicorn.Config(
