@@ -5,6 +5,7 @@ from datetime import UTC, datetime, timedelta
 from types import ModuleType
 from typing import Any
 
+from rig.clock import problem
 from rig.daemon.published import PublishedFix
 from rig.errors import ConfigError
 from rig.readings import Instant
@@ -54,8 +55,13 @@ def external_position_estimate(common: ModuleType, fix: PublishedFix, now: Insta
 
 
 def gps_input(common: ModuleType, fix: PublishedFix | None, utc: datetime) -> Any:
-    """As from a GPS without satellites: a fix, once, or that there is none at the time ``utc``."""
+    """As from a GPS without satellites: a fix, once, or that there is none at the time ``utc``.
+
+    Without a time, which is 0, where the computer's clock cannot have been right: an autopilot sets its own by it.
+    """
     at = utc if fix is None else fix.utc
+    if problem(at):
+        at = GPS_EPOCH - timedelta(seconds=GPS_AHEAD_OF_UTC_S)
     week, in_week = divmod(at - GPS_EPOCH + timedelta(seconds=GPS_AHEAD_OF_UTC_S), WEEK)
     ignored = (
         common.GPS_INPUT_IGNORE_FLAG_HDOP
@@ -74,7 +80,7 @@ def gps_input(common: ModuleType, fix: PublishedFix | None, utc: datetime) -> An
     if fix is not None:
         fix_type = common.GPS_FIX_TYPE_2D_FIX if altitude_m is None else common.GPS_FIX_TYPE_3D_FIX
     return common.MAVLink_gps_input_message(
-        time_usec=round(at.timestamp() * 1e6),
+        time_usec=round(at.timestamp() * 1e6) if week else 0,
         gps_id=0,
         ignore_flags=ignored,
         time_week_ms=in_week // timedelta(milliseconds=1),

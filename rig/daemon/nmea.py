@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass
 
+from rig.clock import problem as clock_problem
 from rig.daemon.board import Answer, Board
 from rig.daemon.config import NmeaOutput
 from rig.daemon.nmea_sentences import epoch, epoch_for_anybody
@@ -104,11 +105,13 @@ class _Publisher:
             self._seen = snapshot.last.bundle
             self._tell_if_lapsed(snapshot.last, lapsed(snapshot.last, snapshot, now, self._section.valid_s))
         how = now.utc, self._section.quality, self._section.sentences
+        dated = not any(clock_problem(utc) for utc in (now.utc, now.utc if fix is None else fix.utc))
         if self._server is not None:
             # who connects in the middle of a fix would never see its time change, and gpsd would not know where it ends
-            self._server.send(epoch(fix, *how), first=b"" if fix is None else epoch(None, *how))
+            first = b"" if fix is None else epoch(None, *how, dated=dated)
+            self._server.send(epoch(fix, *how, dated=dated), first=first)
         for target in self._targets:
-            target.send(epoch_for_anybody(fix, *how))
+            target.send(epoch_for_anybody(fix, *how, dated=dated))
 
     def _tell_if_lapsed(self, answer: Answer, why: str | None) -> None:
         if answer.fix.status == "fix" and why is not None:

@@ -430,3 +430,12 @@ def test_the_transmission_time_wraps_and_keeps_its_digits():
         assert 0.0 <= told.param1 < 250.0
         assert told.param1 == pytest.approx(math.fmod(at_s, 250.0), abs=2e-5)
         assert told.target_system == 7
+
+
+@pytest.mark.parametrize("year", [1970, 2016])
+def test_gps_input_has_no_time_of_a_clock_that_cannot_be_right(year):
+    told = decoded(gps_input(common, FIX, datetime(2026, 11, 29, tzinfo=UTC)))
+    wrong = datetime(year, 1, 1, tzinfo=UTC)
+    untold = decoded(gps_input(common, published(an_answer(utc=wrong)), wrong))
+    assert (untold.time_usec, untold.time_week, untold.time_week_ms) == (0, 0, 0)
+    assert (untold.lat, untold.lon, untold.fix_type) == (told.lat, told.lon, told.fix_type)
