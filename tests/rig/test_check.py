@@ -171,7 +171,8 @@ def pan_tilt(port: str, pan_id: int, tilt_id: int) -> PanTiltSection:
     )
 
 
-def test_servos_of_other_ids_are_named() -> None:
+def test_servos_of_other_ids_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rig.dynamixel.scan.ALL_ANSWER_S", 0.2)
     with servos_on_a_port(servo(3, 1_000_000), servo(5, 1_000_000, XL430_W250)) as port:
         assert servos_at(port.path, 1_000_000) == {3: 1020, 5: 1060}
         with pytest.raises(

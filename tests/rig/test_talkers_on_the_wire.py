@@ -31,6 +31,7 @@ def taken(folder: Path, **devices: Any) -> tuple[dict[str, Any], float, float]:
         return raw, heading_sigmas, altitude_sigmas
 
 
+@pytest.mark.long
 def test_one_stream_for_both_and_a_variation_that_is_a_filler(tmp_path: Path) -> None:
     raw, heading_sigmas, altitude_sigmas = taken(
         tmp_path,
@@ -76,8 +77,15 @@ def test_a_capture_with_no_heading_to_trust_is_refused(tmp_path: Path, quirk: st
         assert quick.left_over() == []
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("quirk", [None, *BAROMETER_QUIRKS])
+@pytest.mark.parametrize(
+    "quirk",
+    [
+        None
+        if quirk is None
+        else pytest.param(quirk, marks=[] if quirk == "two-decimals" else pytest.mark.long)
+        for quirk in (None, *BAROMETER_QUIRKS)
+    ],
+)
 def test_the_altitude_by_a_talker_is_the_air_s(tmp_path: Path, quirk: str | None) -> None:
     with quick_rig(world(altimeter="xdr", altimeter_quirk=quirk), tmp_path) as quick:
         (row,) = [
