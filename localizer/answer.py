@@ -6,8 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from localizer.crs import short_name
-from localizer.fix import Candidate, Fix, Nuisance, Position, Stage1Counts
-from localizer.geodesy import enu_to_metric_jacobian, rowcol_to_lonlat, rowcol_to_metric
+from localizer.datum import unknown_datum_note
+from localizer.dem import Dem
+from localizer.fix import Candidate, Fix, Nuisance, Position, Reason, Stage1Counts
+from localizer.geodesy import map_metres_at, rowcol_to_lonlat, rowcol_to_metric
 from localizer.horizon.from_terrain import Terrain
 from localizer.observation import Observation
 from localizer.search.decide import Decision
@@ -76,7 +78,7 @@ def fix_of(
             if observation.altitude_m is None
             else observation.altitude_m - best.altitude_m,
         )
-    return Fix(
+    fix = Fix(
         bundle=bundle_id,
         status=decision.status,
         position=position,
@@ -90,9 +92,19 @@ def fix_of(
         nuisance=nuisance,
         timing_s=timing_s,
     )
+    return without_known_datum(fix, dem)
+
+
+def without_known_datum(fix: Fix, dem: Dem) -> Fix:
+    """No fix where nobody knows what the DEM's latitudes and longitudes are worth; its place stays, in the DEM's own grid."""
+    if dem.shift.known or fix.status != "fix":
+        return fix
+    reason = Reason(code="unknown_datum", text=unknown_datum_note(dem.crs, dem.shift))
+    return fix.model_copy(update={"status": "ambiguous", "reason": reason})
 
 
 def metric_covariance(terrain: Terrain, refined: Refined) -> Floats:
-    """(2, 2) of easting and northing."""
-    turn = enu_to_metric_jacobian(terrain.dem, refined.row, refined.col)
-    return np.asarray(turn @ refined.covariance_enu_m2 @ turn.T)
+    """(2, 2) of easting and northing, metres of the ground; with the accuracy of the way there from the DEM's own datum."""
+    here = map_metres_at(terrain.dem, refined.row, refined.col)
+    datums_m2 = terrain.dem.metric_accuracy_m**2 * np.eye(2)
+    return here.ground_covariance(refined.covariance_enu_m2) + datums_m2

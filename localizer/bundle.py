@@ -6,6 +6,7 @@ The model belongs to its reader; whoever writes bundles constructs it and stores
 import hashlib
 import json
 import math
+import re
 from datetime import UTC, datetime
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, Literal, Self, TypeAlias
@@ -23,10 +24,19 @@ from pydantic import (
 )
 
 from localizer.camera import invertible_share
+from localizer.documents import DocumentError, json_text, read_file
 from localizer.errors import SkyfixError
+from localizer.os_errors import meant_instead, why_not_read
 from localizer.picture import MOST_PIXELS, PictureError, decode_picture
 
 FILE_NAME = "bundle.json"
+MOST_BYTES = 8_000_000
+"""Of ``bundle.json``; one that ``rig capture`` writes has some ten thousand."""
+MOST_PICTURE_BYTES = 512_000_000
+MOST_FRAMES = 1000
+"""Each is unpacked and looked at by whoever reads the bundle."""
+ID_PATTERN = "[0-9A-Za-z][0-9A-Za-z_.-]{0,127}"
+"""What names a bundle, its folder and its place in an archive: nothing else is read, written or imported."""
 ALTITUDE_STEP = "altitude"
 """The first step of the search; the others bear the frames' labels."""
 
@@ -47,6 +57,17 @@ def _printable(text: str) -> str:
     return text
 
 
+def is_bundle_id(text: str) -> bool:
+    """Whether a text can be a bundle's id, and so the name of its folder."""
+    return re.fullmatch(ID_PATTERN, text) is not None
+
+
+def _bundle_id(text: str) -> str:
+    if not is_bundle_id(text):
+        raise ValueError("should be 1 to 128 characters of 0-9 A-Z a-z _ . -, the first no sign")
+    return text
+
+
 def _no_step(label: str) -> str:
     if label == ALTITUDE_STEP:
         raise ValueError(f"should not be {label!r}, which is what a step of the search is called")
@@ -60,7 +81,7 @@ def _inside(file: str) -> str:
     return file
 
 
-Name: TypeAlias = Annotated[str, Field(min_length=1, max_length=128), AfterValidator(_printable)]
+BundleId: TypeAlias = Annotated[str, AfterValidator(_bundle_id)]
 Label: TypeAlias = Annotated[
     str, Field(min_length=1, max_length=64), AfterValidator(_printable), AfterValidator(_no_step)
 ]
@@ -71,6 +92,8 @@ UtcTime: TypeAlias = Annotated[datetime, AfterValidator(_utc)]
 PixelCount: TypeAlias = Annotated[int, Field(gt=0, le=32768)]
 NARROWEST_VIEW_DEG, WIDEST_VIEW_DEG = 0.2, 170.0
 """Of a camera that skylines can be seen with, and a pinhole model stands for."""
+PERSPECTIVE = "perspective"
+"""The one camera model that is supported."""
 LEAST_INVERTIBLE = 0.6
 """Share of a picture where a lens model must be one to one; many fold over in the corners."""
 FocalLength: TypeAlias = Annotated[float, Field(gt=0.0, le=1e6)]
@@ -86,6 +109,20 @@ class _Part(BaseModel):
     model_config = ConfigDict(frozen=True, extra="allow", allow_inf_nan=False)
 
 
+def _perspective(model: str) -> str:
+    if model != PERSPECTIVE:
+        raise ValueError(
+            f"is not supported; only {PERSPECTIVE} is, with OpenCV's five coefficients k1, k2, p1, p2, k3"
+        )
+    return model
+
+
+def _known_focal_length(sigma_fraction: float) -> float:
+    if sigma_fraction != 0.0:
+        raise ValueError("is not supported yet; should be 0 or absent: calibrate the camera's focal length")
+    return sigma_fraction
+
+
 class Camera(_Part):
     """Intrinsics as OpenCV has them; pixel centres at whole numbers."""
 
@@ -97,6 +134,8 @@ class Camera(_Part):
     cy_px: float
     distortion: tuple[Distortion, Distortion, Distortion, Distortion, Distortion] = (0.0, 0.0, 0.0, 0.0, 0.0)
     """k1, k2, p1, p2, k3."""
+    model: Annotated[str, AfterValidator(_perspective)] = PERSPECTIVE
+    focal_sigma_fraction: Annotated[float, AfterValidator(_known_focal_length)] = 0.0
 
     @model_validator(mode="after")
     def _is_a_camera(self) -> Self:
@@ -147,7 +186,7 @@ class Prior(_Part):
     """A rough place that is known beforehand; absent in the ordinary case."""
 
     lat_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
-    lon_deg: Annotated[float, Field(ge=-180.0, le=180.0)]
+    lon_deg: Annotated[float, Field(ge=-360.0, le=360.0)]
     radius_m: Annotated[float, Field(gt=0.0)]
 
 
@@ -155,7 +194,7 @@ class Bundle(_Part):
     """One measurement: the pictures that a rig took at one place, with calibrated readings."""
 
     schema_name: Literal["skyfix.bundle/1"] = Field(default="skyfix.bundle/1", alias="schema")
-    id: Name
+    id: BundleId
     created: UtcTime
     camera: Camera
     mast_height_m: Annotated[float, Field(ge=0.0, le=1000.0)]
@@ -164,7 +203,7 @@ class Bundle(_Part):
     azimuth_bias_sigma_deg: AngleSigma
     """Of the error common to all frames; 180: there was no compass."""
     tilt_bias_sigma_deg: AngleSigma
-    frames: Annotated[tuple[Frame, ...], Field(min_length=1)]
+    frames: Annotated[tuple[Frame, ...], Field(min_length=1, max_length=MOST_FRAMES)]
     prior: Prior | None = None
 
     _directory: Path | None = PrivateAttr(default=None)
@@ -184,10 +223,13 @@ class Bundle(_Part):
         return self._directory
 
     def to_json(self) -> str:
-        """What ``bundle.json`` holds, unknown fields included; ``prior`` is absent where there is none."""
+        """What ``bundle.json`` holds, unknown fields included; ``prior`` is absent where there is none, what a camera
+        does not say likewise."""
         fields: dict[str, Any] = self.model_dump(mode="json", by_alias=True)
         if fields["prior"] is None:
             del fields["prior"]
+        for name in {"model", "focal_sigma_fraction"} - self.camera.model_fields_set:
+            del fields["camera"][name]
         return json.dumps(fields, indent=2, allow_nan=False) + "\n"
 
 
@@ -199,17 +241,24 @@ def load_bundle(path: Path) -> Bundle:
     path = Path(path)
     if not path.is_dir():
         what = "is not a directory" if path.exists() else "does not exist"
-        raise BundleError(f"{path}: {what}; a bundle is a directory with a {FILE_NAME}")
+        meant = "" if path.exists() else meant_instead(path)
+        if path.name == FILE_NAME and path.exists():
+            meant = f"; name {path.parent}"
+        elif path.name.endswith((".tar", ".tar.gz", ".tgz", ".zip")) and path.exists():
+            meant = "; take it out of the archive first: rig bundle import"
+        raise BundleError(f"{path}: {what}; a bundle is a directory with a {FILE_NAME}{meant}")
     file = path / FILE_NAME
     if file.exists() and not file.is_file():  # a pipe would be waited for
         raise BundleError(f"{file}: is not a file but a directory or a pipe, so {path} is not a bundle")
     try:
-        text = file.read_bytes()
+        text = read_file(file, MOST_BYTES)
+    except DocumentError as error:
+        raise BundleError(f"{file}: {error}") from None
     except FileNotFoundError:
         raise BundleError(f"{path}: holds no {FILE_NAME}, so it is not a bundle") from None
     except OSError as error:
-        raise BundleError(f"{file}: {error.strerror}") from None
-    bundle = _parse(text, file)
+        raise BundleError(f"{file}: {why_not_read(error)}") from None
+    bundle = parse_bundle(text, str(file))
     bundle._directory = path
     for frame in bundle.frames:
         frame_image(bundle, frame)
@@ -217,7 +266,7 @@ def load_bundle(path: Path) -> Bundle:
 
 
 def frame_image(bundle: Bundle, frame: Frame) -> NDArray[np.uint8]:
-    """The picture of ``frame``: BGR, (height_px, width_px, 3), exactly as stored.
+    """The picture of ``frame``: BGR, (height_px, width_px, 3), as stored; for its orientation tag see ``decode_picture``.
 
     Raises ``BundleError`` if the file is missing, leads outside the bundle, differs from its checksum, is no
     picture or has another size than the camera.
@@ -226,8 +275,9 @@ def frame_image(bundle: Bundle, frame: Frame) -> NDArray[np.uint8]:
     content = _content(bundle.directory, frame.file, f"{place}.file")
     if hashlib.sha256(content).hexdigest() != frame.sha256:
         raise BundleError(f"{place}.sha256: {frame.file} has another checksum; it changed after the capture")
+    quarters = round(frame.roll_deg / 90.0) % 4
     try:
-        return decode_picture(content, bundle.camera.width_px, bundle.camera.height_px)
+        return decode_picture(content, bundle.camera.width_px, bundle.camera.height_px, quarters)
     except PictureError as error:
         raise BundleError(f"{place}.file: {frame.file} {error}") from None
 
@@ -241,11 +291,13 @@ def _content(directory: Path, name: str, place: str) -> bytes:
             raise BundleError(f"{place}: {name} leads outside the bundle")
         if file.exists() and not file.is_file():  # a pipe would be waited for
             raise BundleError(f"{place}: {name} is not a file but a directory or a pipe")
-        return file.read_bytes()
+        return read_file(file, MOST_PICTURE_BYTES)
+    except DocumentError as error:
+        raise BundleError(f"{place}: {name} {error}") from None
     except FileNotFoundError:
         raise BundleError(f"{place}: {name} is missing; the bundle is incomplete") from None
     except OSError as error:
-        raise BundleError(f"{place}: {name}: {error.strerror}") from None
+        raise BundleError(f"{place}: {name}: {why_not_read(error)}") from None
     except RuntimeError:  # of a link that leads to itself
         raise BundleError(f"{place}: {name} is a link that leads nowhere") from None
 
@@ -256,9 +308,12 @@ def sha256_of(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _parse(text: bytes, file: Path) -> Bundle:
+def parse_bundle(content: bytes, file: str) -> Bundle:
+    """The bundle that a ``bundle.json`` describes, without its pictures. ``BundleError`` names ``file`` and the field."""
     try:
-        bundle = Bundle.model_validate_json(text, strict=True)
+        bundle = Bundle.model_validate_json(json_text(content, MOST_BYTES), strict=True)
+    except DocumentError as error:
+        raise BundleError(f"{file}: {error}") from None
     except ValidationError as error:
         raise BundleError(f"{file}: {_first_of(error)}") from None
     # has a default for whoever constructs a bundle, but a file must say what it is

@@ -19,6 +19,7 @@ from localizer.dem_options import (
     dem_files_argument,
     dem_option,
 )
+from localizer.output_parts import OutputParts
 from localizer.predict.command import predict
 from localizer.report import load_truth, notes, report
 
@@ -75,7 +76,8 @@ def locate(
     """Find the place in the DEM from which the frames of BUNDLE were taken.
 
     Ends with status 0 if one place stands out, 3 if several do, 4 if the frames fit no place, and 2 if the input
-    is bad.
+    is bad. With 1 where the result is printed but a file that was asked for could not be made: it is named, all
+    others are written.
 
     Example: localizer locate bundles/20261123T043151Z-3f9a --dem terrain.tif --report report
     """
@@ -98,15 +100,18 @@ def locate(
     click.echo(result.fix.to_json() if as_json else report(result.fix, dem, truth))
     if plot_path is not None or report_folder is not None:
         images = {frame.label: frame_image(bundle, frame) for frame in bundle.frames}
+    parts = OutputParts()
     if plot_path is not None:
         from localizer.plot import draw_fix
 
-        with writing("--plot", plot_path):
+        with parts.part(f"--plot: {plot_path}"), writing("--plot", plot_path):
             draw_fix(plot_path, images, result, dem, truth)
     if report_folder is not None:
         from localizer.export.folder import write_report
 
-        write_report(report_folder, bundle, images, result, dem, truth)
+        with parts.part(f"--report: {report_folder}"):
+            write_report(report_folder, bundle, images, result, dem, truth)
+    parts.end()
     return result.fix.exit_status
 
 

@@ -3,6 +3,7 @@
 import errno
 import math
 import os
+import re
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
@@ -13,10 +14,13 @@ from typing import Any, NoReturn, TypeVar
 import click
 
 from localizer.errors import SkyfixError
+from localizer.os_errors import why_not_written
+from localizer.streams import nobody_reads, write_no_more, write_whatever_comes
 
 F = TypeVar("F", bound=Callable[..., object])
 
 INTERRUPTED = 130  # 128 + SIGINT, as shells have it
+PIPE_CLOSED = 141  # 128 + SIGPIPE
 PICTURE_SUFFIXES = (".png", ".jpg", ".svg", ".pdf")
 
 
@@ -24,8 +28,12 @@ def run(command: click.Command, program: str) -> NoReturn:
     """Run ``command`` with the process's arguments and exit.
 
     Bad usage and every ``SkyfixError`` become one line on standard error, ``program: message``; the exit status is the
-    error's own (2 for bad input). Any other exception is a defect of the program and shows its traceback.
+    error's own (2 for bad input). A reader who closes the pipe early (``| head``) has enough: the program ends without a
+    word. Any other exception is a defect of the program and shows its traceback.
     """
+    write_whatever_comes()
+    take_negative_numbers(command)
+    output = sys.stdout
     try:
         status = command.main(prog_name=program, standalone_mode=False)
     except click.exceptions.NoArgsIsHelpError as error:  # its message is the whole help
@@ -34,12 +42,18 @@ def run(command: click.Command, program: str) -> NoReturn:
         _fail(where, f"Name a command: {', '.join(names)}. See {where} --help.", 2)
     except click.UsageError as error:
         where = error.ctx.command_path if error.ctx else program
-        _fail(where, f"{error.format_message().rstrip('.')}. See {where} --help.", 2)
+        _fail(where, f"{_usage(error)} See {where} --help.", 2)
     except click.ClickException as error:
         _fail(program, error.format_message(), 2)
     except SkyfixError as error:
         _fail(program, str(error), error.exit_status)
-    except (click.Abort, KeyboardInterrupt):
+    except (click.Abort, KeyboardInterrupt) as error:
+        if isinstance(error.__context__, EOFError) or isinstance(error.__cause__, EOFError):
+            _fail(
+                program,
+                "a question was not answered: standard input has ended; answer it, or see --help for options",
+                2,
+            )
         _fail(program, "interrupted", INTERRUPTED)
     except SystemError as error:
         if not isinstance(
@@ -47,14 +61,88 @@ def run(command: click.Command, program: str) -> NoReturn:
         ):  # as compiled code passes it on
             raise
         _fail(program, "interrupted", INTERRUPTED)
+    except BrokenPipeError:
+        _end(PIPE_CLOSED)
+    except SystemExit as ended:
+        # click ends with status 1 after any broken pipe, rich after one of standard output
+        if isinstance(ended.__context__, BrokenPipeError) or nobody_reads(output):
+            _end(PIPE_CLOSED)
+        if sys.stdout is not output:
+            sys.stdout = output
+            _fail(program, "a connection was closed by the other side; try again", 1)
+        _end(ended.code if isinstance(ended.code, int) else 1)
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
-        if error.errno == errno.ENOSPC:
-            _fail(program, f"{where}the disk is full; make room, or write elsewhere", 2)
+        if error.errno in _OF_THE_DISK:
+            write_no_more()
+            _fail(program, f"{where}{_why(error)}", 2)
         if isinstance(error, PermissionError) and where:  # even to ask whether a path exists may be forbidden
             _fail(program, f"{where}permission denied; check who may read and write there", 2)
         raise
-    sys.exit(status if isinstance(status, int) else 0)
+    _end(status if isinstance(status, int) else 0, program)
+
+
+_OF_THE_DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
+
+
+def _end(status: int, program: str = "") -> NoReturn:
+    """Exit once everything is written: Python itself would do it after the last word, and complain with a traceback."""
+    try:
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except BrokenPipeError:
+        write_no_more()
+    except OSError as error:
+        write_no_more()
+        _fail(program, _why(error), 2)
+    sys.exit(status)
+
+
+def _why(error: OSError) -> str:
+    if error.errno == errno.ENOSPC:
+        return "the disk is full; make room, or write elsewhere"
+    return why_not_written(error).removeprefix("cannot be written: ")
+
+
+class NumbersCommand(click.Command):
+    """A command that takes ``-12.5`` for a number, not for options."""
+
+    def make_parser(self, ctx: click.Context) -> Any:
+        parser = super().make_parser(ctx)
+        of_an_option = parser._process_opts
+
+        def process(arg: str, state: Any) -> None:
+            if _NEGATIVE.fullmatch(arg):
+                state.largs.append(arg)
+            else:
+                of_an_option(arg, state)
+
+        parser._process_opts = process  # type: ignore[method-assign]
+        return parser
+
+
+_NEGATIVE = re.compile(r"-(\d|\.\d|inf|nan)[\w.,+-]*", re.IGNORECASE)
+
+
+def take_negative_numbers(command: click.Command) -> None:
+    """Have a command, and all below it, take negative numbers for numbers, as ``NumbersCommand`` does."""
+    if isinstance(command, click.Group):
+        for each in command.commands.values():
+            take_negative_numbers(each)
+    elif type(command) is click.Command and not command.context_settings.get("ignore_unknown_options"):
+        command.__class__ = NumbersCommand
+
+
+def _usage(error: click.UsageError) -> str:
+    """What is wrong with the words of the command."""
+    message = error.format_message().rstrip(".")
+    extra = re.fullmatch(r"Got unexpected extra arguments? \((-?[\d.]+)[^)]*\)", message)
+    takes_a_place = error.ctx is not None and any(
+        parameter.metavar == "LAT,LON" for parameter in error.ctx.command.params
+    )
+    if extra and takes_a_place:
+        message += "; a place is one word with a comma and no blank: LAT,LON"
+    return message if message.endswith("?") else f"{message}."
 
 
 class FiniteRange(click.FloatRange):
@@ -108,9 +196,7 @@ def prepare_folder(option: str, folder: Path) -> None:
     except FileExistsError:
         raise SkyfixError(f"{option}: {folder}: is a file; name a folder") from None
     except OSError as error:
-        raise SkyfixError(
-            f"{option}: {folder}: cannot be written: {error.strerror}; name another folder"
-        ) from None
+        raise SkyfixError(f"{option}: {folder}: {why_not_written(error, 'name another folder')}") from None
 
 
 def check_picture_path(option: str, path: Path) -> None:
@@ -134,5 +220,9 @@ def writing(option: str, path: Path) -> Iterator[None]:
 
 
 def _fail(program: str, message: str, status: int) -> NoReturn:
-    print(f"{program}: {' '.join(message.split())}", file=sys.stderr)
+    with suppress(OSError):  # there may be nobody left who reads it
+        print(f"{program}: {' '.join(message.split())}", file=sys.stderr)
+    with suppress(OSError):
+        if sys.stdout is not None:
+            sys.stdout.flush()
     sys.exit(status)

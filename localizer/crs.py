@@ -5,7 +5,9 @@ from functools import lru_cache
 import numpy as np
 from affine import Affine
 from numpy.typing import ArrayLike, NDArray
-from pyproj import CRS, Transformer
+from pyproj import CRS, Transformer, network
+
+network.set_network_enabled(False)  # type: ignore[attr-defined]  # whatever PROJ_NETWORK says: nothing is downloaded at run time
 
 WGS84 = CRS.from_epsg(4326)
 LONGEST_NAME = 30
@@ -68,21 +70,85 @@ def degrees_per_unit(geographic: CRS) -> float:
 
 @lru_cache(maxsize=64)
 def geographic_crs(crs: CRS) -> CRS:
-    """The two-dimensional geographic CRS that ``crs`` stands on; itself if it is geographic."""
+    """The two-dimensional geographic CRS that ``crs`` stands on; itself if it is geographic and its poles are the Earth's.
+
+    A derived one (a rotated pole) counts in degrees, too, but its north is not true north: what it is derived from counts.
+    """
     geographic = crs if crs.is_geographic else crs.geodetic_crs
+    while geographic is not None and "Derived" in geographic.type_name:
+        geographic = geographic.source_crs
     if geographic is None:
         raise ValueError(f"{crs.name} has no geodetic datum")
     return geographic.to_2d()
 
 
+def is_projected(crs: CRS) -> bool:
+    """Whether the CRS is a map projection, or one derived from that."""
+    return bool(crs.is_projected) or crs.type_name == "Derived Projected CRS"
+
+
 def is_metric(crs: CRS) -> bool:
     """Whether the CRS is a map projection in metres."""
-    return bool(crs.is_projected) and all(axis.unit_conversion_factor == 1.0 for axis in crs.axis_info)
+    return is_projected(crs) and all(axis.unit_conversion_factor == 1.0 for axis in crs.axis_info)
+
+
+def wrapped_deg(lon_deg: ArrayLike) -> NDArray[np.float64]:
+    """Longitudes by whole turns into -180 <= lon < 180; those that are there already stay what they are to the last bit."""
+    lon = np.asarray(lon_deg, np.float64)
+    with np.errstate(invalid="ignore"):
+        turned = (lon + 180.0) % 360.0 - 180.0
+    # a hair below -180 comes to 180 by rounding
+    turned = np.where(turned >= 180.0, -180.0, turned)
+    keep = ((lon >= -180.0) & (lon < 180.0)) | ~np.isfinite(lon)
+    return np.asarray(np.where(keep, lon, turned))
+
+
+def wrapped_lon_deg(lon_deg: float) -> float:
+    """One longitude, -180 <= lon < 180."""
+    return float(wrapped_deg(lon_deg))
+
+
+@lru_cache(maxsize=64)
+def turn_in_x(crs: CRS) -> float | None:
+    """How much x grows by once around the Earth, where it is longitude at a scale: geographic CRS and maps on a cylinder.
+
+    None for all others, which have no such seam.
+    """
+    if crs.is_geographic:
+        return 360.0 / degrees_per_unit(crs)
+    # at two places, for the seam may lie at one of them
+    west = np.array([0.0, 1.0, 2.0, 0.0, 1.0, 2.0, 120.0, 121.0, 122.0, 120.0, 121.0, 122.0])
+    south = np.array([0.0, 0.0, 0.0, 40.0, 40.0, 40.0] * 2)
+    x, _ = own_xy(crs, west, south)
+    if not np.isfinite(x).all():
+        return None
+    for part in x.reshape(2, 6):
+        steps = np.diff(part.reshape(2, 3), axis=1)
+        if (
+            np.ptp(steps) < 1e-9 * abs(steps[0, 0])
+            and np.ptp(part[:3] - part[3:]) == 0.0 == part[0] - part[3]
+        ):
+            return float(360.0 * steps[0, 0])
+    return None
+
+
+UTM_SOUTH_DEG, UTM_NORTH_DEG = -80.0, 84.0
 
 
 def utm_crs(lon_deg: float, lat_deg: float) -> CRS:
-    """The WGS84 UTM zone of a place, by longitude alone (none of the exceptions around Norway)."""
-    zone = int((lon_deg + 180.0) % 360.0 // 6.0) + 1
+    """The WGS84 UTM zone of a place; Universal Polar Stereographic beyond 84 degrees north and 80 south.
+
+    With the exceptions of the grid (DMA TM 8358.2): zone 32 reaches over south-western Norway, and Svalbard has only
+    the zones 31, 33, 35 and 37.
+    """
+    if not UTM_SOUTH_DEG <= lat_deg <= UTM_NORTH_DEG:
+        return CRS.from_epsg(5041 if lat_deg > 0.0 else 5042)
+    lon_deg = wrapped_lon_deg(lon_deg)
+    zone = int((lon_deg + 180.0) // 6.0) + 1
+    if 56.0 <= lat_deg < 64.0 and 3.0 <= lon_deg < 12.0:
+        zone = 32
+    if lat_deg >= 72.0 and 0.0 <= lon_deg < 42.0:
+        zone = next(z for z, east in ((31, 9.0), (33, 21.0), (35, 33.0), (37, 42.0)) if lon_deg < east)
     return CRS.from_epsg((32600 if lat_deg >= 0.0 else 32700) + zone)
 
 

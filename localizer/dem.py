@@ -1,11 +1,12 @@
 """The digital elevation model that is searched: one lattice of elevations, read from one or more files.
 
-A geographic DEM keeps its own lattice; nothing is resampled. Rows and columns count cell centres: the value
+A geographic DEM keeps its own lattice; nothing is resampled but files that lie on another lattice than the finest beside
+them. Rows and columns count cell centres: the value
 at (row, col) lies at ``transform @ (col + 0.5, row + 0.5)`` be the file's pixels areas or points.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,23 +15,22 @@ from numpy.typing import ArrayLike, NDArray
 from pyproj import CRS
 
 from localizer.crs import (
-    WGS84,
     degrees_per_unit,
     geographic_crs,
     is_metric,
     lattice_xy,
     own_lonlat_deg,
-    transform_xy,
     utm_crs,
 )
-from localizer.dem_file import MAX_CELLS, DemError, DemFile, Tile, read_tile
+from localizer.datum import DatumShift, datum_shift
+from localizer.dem_file import DemError, DemFile, read_tile
+from localizer.dem_join import joined
+from localizer.heights import GEOID_RANGE_M, NODES, Heights, to_sea_level
 
 __all__ = ["Dem", "DemError", "dem_from_array", "load_dem"]
 
 MIN_SIDE = 3
 SPACING_RANGE_M = (0.05, 10_000.0)
-ALIGNED_CELLS = 0.05
-"""Two files share a lattice if their cells lie that close together, in cells."""
 EDGE_TOLERANCE_CELLS = 1e-6
 
 
@@ -54,6 +54,32 @@ class Dem:
     """Empty if the DEM does not come from files."""
     error_m: float | None = None
     """One standard deviation of the elevations, where somebody says it. 0: it is the terrain itself, as in a simulation."""
+    shift: DatumShift = field(default_factory=DatumShift)
+    """From ``crs`` to WGS84."""
+    heights: Heights = field(default_factory=Heights)
+    """What the elevations count from."""
+    joined_notes: tuple[str, ...] = ()
+    """What was done to files that lie on different lattices, in words."""
+
+    def to_lonlat_deg(self, x: ArrayLike, y: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """WGS84 longitude and latitude of coordinates in ``crs``."""
+        return self.shift.to_lonlat_deg(self.crs, x, y)
+
+    def from_lonlat_deg(
+        self, lon_deg: ArrayLike, lat_deg: ArrayLike
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Coordinates in ``crs`` of WGS84 longitudes and latitudes."""
+        return self.shift.from_lonlat_deg(self.crs, lon_deg, lat_deg)
+
+    @property
+    def metric_accuracy_m(self) -> float:
+        """Of eastings and northings in ``metric_crs``, by the operation between the datums; 0 where both have one datum."""
+        return 0.0 if self.metric_crs == self.crs else self.shift.accuracy_m
+
+    @property
+    def lonlat_accuracy_m(self) -> float:
+        """What WGS84 longitudes and latitudes are the more uncertain by than eastings and northings in ``metric_crs``."""
+        return self.shift.accuracy_m if self.metric_crs == self.crs else 0.0
 
     @property
     def rows(self) -> int:
@@ -102,19 +128,40 @@ def load_dem(
     crs: str | None = None,
     nodata: float | None = None,
     error_m: float | None = None,
+    band: int | None = None,
+    scale: float | None = None,
+    geoid_offset_m: float | None = None,
 ) -> Dem:
-    """Read one file, or several that adjoin or overlap on one lattice (where they overlap, the first counts).
+    """Read one file, or several that adjoin or overlap (where they overlap, the first counts).
 
-    ``vertical_unit`` ("m", "ft", "us-ft"), ``crs`` (whatever pyproj understands) and ``nodata`` (a further
-    value that means void, in the file's own unit) take precedence over what the files say. ``error_m``: see ``Dem``.
+    Files on one lattice are taken as they are; others are brought onto the finest one's (see ``dem_join``). A path may be a
+    name that only GDAL understands (see ``dem_names``).
+
+    ``vertical_unit`` (see ``VERTICAL_UNITS``), ``crs`` (whatever pyproj understands), ``nodata`` (a further value that means
+    void, as stored), ``band`` and ``scale`` (of the stored numbers) take precedence over what the files say.
+    ``geoid_offset_m``, the geoid's height above the ellipsoid, is taken off. ``error_m``: see ``Dem``.
 
     Raises ``DemError``.
     """
     if not paths:
         raise DemError("no elevation file was named")
-    tiles = [read_tile(path, vertical_unit, crs, nodata) for path in paths]
-    z_m, transform = _joined(tiles) if len(tiles) > 1 else (tiles[0].z_m, tiles[0].transform)
-    return dem_from_array(z_m, transform, tiles[0].crs, tuple(tile.file for tile in tiles), error_m)
+    if scale is not None and not (np.isfinite(scale) and scale != 0.0):
+        raise DemError(
+            f"--scale: {scale:g} makes no elevations; name the factor of the stored numbers, as 0.1"
+        )
+    if geoid_offset_m is not None and not GEOID_RANGE_M[0] < geoid_offset_m < GEOID_RANGE_M[1]:
+        raise DemError(
+            f"--geoid-offset: {geoid_offset_m:g} m; the geoid lies between -107 and +86 m above the ellipsoid anywhere"
+        )
+    tiles = [read_tile(path, vertical_unit, crs, nodata, band, scale) for path in paths]
+    whole = joined(tiles)
+    dem = dem_from_array(whole.z_m, whole.transform, whole.crs, tuple(tile.file for tile in tiles), error_m)
+    row, col = np.meshgrid(
+        np.linspace(0, dem.rows - 1, NODES), np.linspace(0, dem.cols - 1, NODES), indexing="ij"
+    )
+    lon_deg, lat_deg = dem.to_lonlat_deg(*lattice_xy(dem.transform, row, col))
+    z_m, heights = to_sea_level(dem.z_m, lon_deg, lat_deg, tiles[0].heights, geoid_offset_m)
+    return replace(dem, z_m=z_m, heights=heights, joined_notes=whole.notes)
 
 
 def dem_from_array(
@@ -153,7 +200,10 @@ def dem_from_array(
             f"{where}: its cells measure {spacing_ew_m:g} x {spacing_ns_m:g} m, as no elevation model's do; "
             f"is its CRS really {crs.name}? See --crs"
         )
-    centre_lon_deg, centre_lat_deg = transform_xy(crs, WGS84, x[:1], y[:1])
+    corner_row, corner_col = np.array([0, 0, rows - 1, rows - 1]), np.array([0, cols - 1, 0, cols - 1])
+    corner_x, corner_y = lattice_xy(transform, corner_row, corner_col)
+    shift = datum_shift(crs, np.append(x[:1], corner_x), np.append(y[:1], corner_y))
+    centre_lon_deg, centre_lat_deg = shift.to_lonlat_deg(crs, x[:1], y[:1])
     return Dem(
         z_m=np.ascontiguousarray(z_m, np.float32),
         crs=crs,
@@ -163,70 +213,5 @@ def dem_from_array(
         spacing_ew_m=spacing_ew_m,
         files=files,
         error_m=error_m,
+        shift=shift,
     )
-
-
-def _joined(tiles: Sequence[Tile]) -> tuple[NDArray[np.float32], Affine]:
-    """All tiles on the lattice of the first, gaps NaN. Raises ``DemError`` where they do not fit together."""
-    first = tiles[0]
-    for tile in tiles[1:]:
-        if not tile.crs.equals(first.crs, ignore_axis_order=True):
-            raise DemError(
-                f"{first.file.path} and {tile.file.path}: their CRS differ ({first.crs.name}, {tile.crs.name}); "
-                "reproject one with gdalwarp"
-            )
-    tiles = [_on_the_same_turn(first, tile) for tile in tiles]
-    _check_connected(tiles)
-    origins = np.array([_origin_on(first, tile) for tile in tiles])  # (n, 2) row, col
-    ends = origins + np.array([tile.z_m.shape for tile in tiles])
-    top_left = origins.min(axis=0)
-    rows, cols = (int(size) for size in ends.max(axis=0) - top_left)
-    if rows * cols > MAX_CELLS:
-        raise DemError(f"{first.file.path} and the other files: {rows} x {cols} cells together are too many")
-    z_m = np.full((rows, cols), np.nan, np.float32)
-    for tile, (row, col) in zip(tiles, origins - top_left, strict=True):
-        part = z_m[row : row + tile.z_m.shape[0], col : col + tile.z_m.shape[1]]
-        np.copyto(part, tile.z_m, where=np.isnan(part))
-    return z_m, first.transform @ Affine.translation(int(top_left[1]), int(top_left[0]))
-
-
-def _on_the_same_turn(first: Tile, tile: Tile) -> Tile:
-    """Files on both sides of the date line adjoin: longitudes by whole turns as near to the first file's as can be."""
-    if not tile.crs.is_geographic:
-        return tile
-    middles = [t.transform.c + 0.5 * t.transform.a * t.z_m.shape[1] for t in (first, tile)]
-    turn = 360.0 / degrees_per_unit(first.crs)
-    turns = round((middles[0] - middles[1]) / turn)
-    return replace(tile, transform=Affine.translation(turn * turns, 0.0) @ tile.transform)
-
-
-def _check_connected(tiles: Sequence[Tile]) -> None:
-    """Every tile must be reachable from the first over tiles that overlap or adjoin."""
-    first = tiles[0].transform
-    slack = np.array([first.a, -first.e]) / 4  # on both sides: half a cell is no gap
-    low = np.array([t.transform @ (0, t.z_m.shape[0]) for t in tiles]) - slack  # (n, 2) west, south
-    high = np.array([t.transform @ (t.z_m.shape[1], 0) for t in tiles]) + slack
-    reached = np.zeros(len(tiles), bool)
-    reached[0] = True
-    for _ in tiles:
-        for i in np.flatnonzero(reached):
-            reached |= ((low <= high[i]) & (low[i] <= high)).all(axis=1)
-    if not reached.all():
-        apart = tiles[int(np.flatnonzero(~reached)[0])].file.path
-        raise DemError(
-            f"{apart}: no overlap with {tiles[0].file.path}; the files of one DEM must overlap or adjoin"
-        )
-
-
-def _origin_on(first: Tile, tile: Tile) -> tuple[int, int]:
-    """Row and col of the tile's first cell on the lattice of ``first``."""
-    both = f"{first.file.path} and {tile.file.path}"
-    rows, cols = tile.z_m.shape
-    to_first = ~first.transform
-    col, row = to_first @ (tile.transform.c, tile.transform.f)
-    last_col, last_row = to_first @ (tile.transform @ (cols, rows))
-    if max(abs(last_col - col - cols), abs(last_row - row - rows)) > ALIGNED_CELLS:
-        raise DemError(f"{both}: their cells differ in size; resample one with gdalwarp -tr")
-    if max(abs(col - round(col)), abs(row - round(row))) > ALIGNED_CELLS:
-        raise DemError(f"{both}: their grids are shifted by part of a cell; align one with gdalwarp -tap")
-    return round(row), round(col)

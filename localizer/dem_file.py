@@ -1,8 +1,7 @@
 """One elevation file as it lies on disk: opened by rasterio, brought to metres, north up, voids as NaN."""
 
 import math
-import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,27 +11,19 @@ from numpy.typing import NDArray
 from pyproj import CRS
 from pyproj.exceptions import CRSError
 
-from localizer.crs import WGS84, transform_xy
-from localizer.elevation_units import VERTICAL_UNITS
-from localizer.errors import SkyfixError
+from localizer.crs import WGS84, is_projected, transform_xy
+from localizer.datum import is_named, is_of_the_earth
+from localizer.dem_open import DemError, opened
+from localizer.dem_values import HIGHEST_M, LOWEST_M, band_of, elevations_m, scale_of
+from localizer.elevation_units import UNSAID, VERTICAL_UNITS, unit_named
+from localizer.heights import Heights, heights_of
 
 if TYPE_CHECKING:
     from rasterio import DatasetReader
 
-LOWEST_M, HIGHEST_M = -500.0, 9000.0
-"""Elevations outside are voids: no land lies lower or higher, but undeclared nodata values do."""
+__all__ = ["MAX_CELLS", "DemError", "DemFile", "Tile", "read_tile"]
 
 MAX_CELLS = 250_000_000
-
-_UNIT_NAMES = {
-    "m": ("m", "metre", "metres", "meter", "meters"),
-    "ft": ("ft", "foot", "feet", "international foot", "foot (international)"),
-    "us-ft": ("us-ft", "ftus", "us survey foot", "us survey feet", "foot_us", "foot us", "sfoot"),
-}
-
-
-class DemError(SkyfixError):
-    """A DEM that cannot be used: what is wrong, in which file, and what to do."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +41,11 @@ class DemFile:
     vertical_unit_from: str
     """Who said so: "option", "band", "CRS" or "assumed"."""
     voids: int
+    band: int = 1
+    scale: float = 1.0
+    """Stored numbers times this are in the vertical unit."""
+    vertical_datum: str | None = None
+    """What the elevations count from, as the file's CRS says it; None where it does not."""
     overruled: tuple[str, ...] = ()
     """What the file says and an option says otherwise, in words."""
 
@@ -63,28 +59,21 @@ class Tile:
     crs: CRS
     """Horizontal."""
     file: DemFile
+    heights: Heights = field(default_factory=Heights)
 
 
-def read_tile(path: Path, vertical_unit: str | None, crs: str | None, nodata: float | None) -> Tile:
-    """Read one file; the three options take precedence over what the file says. Raises ``DemError``."""
-    # GDAL is only for who reads: it would take tens of megabytes of a daemon that leaves this to another process.
-    import rasterio
-    from rasterio.errors import NotGeoreferencedWarning, RasterioError
-
+def read_tile(
+    path: Path,
+    vertical_unit: str | None,
+    crs: str | None,
+    nodata: float | None,
+    band: int | None = None,
+    scale: float | None = None,
+) -> Tile:
+    """Read one file; the options take precedence over what the file says. Raises ``DemError``."""
     path = Path(path)
-    if not path.exists():
-        raise DemError(f"{path}: no such file")
-    if path.is_dir():
-        raise DemError(f"{path}: is a directory, not an elevation file")
-    if not path.is_file():  # it would be waited for
-        raise DemError(f"{path}: is a pipe or a device, not an elevation file")
-    try:
-        with warnings.catch_warnings(), rasterio.Env(GTIFF_REPORT_COMPD_CS=True):
-            warnings.simplefilter("ignore", NotGeoreferencedWarning)  # said more clearly below
-            with rasterio.open(path) as dataset:
-                return _tile_of(dataset, path, vertical_unit, crs, nodata)
-    except RasterioError as error:
-        raise DemError(f"{path}: not an elevation raster that can be read ({error})") from None
+    with opened(path) as dataset:
+        return _tile_of(dataset, path, vertical_unit, crs, nodata, band, scale)
 
 
 def _tile_of(
@@ -93,18 +82,17 @@ def _tile_of(
     vertical_unit: str | None,
     crs: str | None,
     nodata: float | None,
+    wanted_band: int | None,
+    wanted_scale: float | None,
 ) -> Tile:
+    band = band_of(dataset, path, wanted_band)
     _check_layout(dataset, path)
     stated_crs = _crs_of(dataset, path, crs)
-    unit, unit_from = _vertical_unit(dataset, path, stated_crs, vertical_unit)
-    overruled = _overruled(dataset, path, stated_crs, crs, vertical_unit)
-    raw = dataset.read(1, masked=True)
-    z_m = raw.astype(np.float64).filled(np.nan)
-    if nodata is not None:
-        z_m[raw.data == nodata] = np.nan  # in the precision of the file: a float32 void is not what z_m has
-    z_m = (z_m * dataset.scales[0] + dataset.offsets[0]) * VERTICAL_UNITS[unit]
-    with np.errstate(invalid="ignore"):
-        z_m[~((z_m >= LOWEST_M) & (z_m <= HIGHEST_M))] = np.nan
+    unit, unit_from = _vertical_unit(dataset, path, stated_crs, vertical_unit, band)
+    overruled = _overruled(dataset, path, stated_crs, crs, vertical_unit, band, wanted_scale)
+    scale, offset = scale_of(dataset, path, band, wanted_scale)
+    heights = heights_of(_own_crs(dataset, stated_crs))
+    z_m = elevations_m(dataset, band, scale, offset, VERTICAL_UNITS[unit], nodata)
     voids = int(np.count_nonzero(np.isnan(z_m)))
     if voids == z_m.size:
         raise DemError(f"{path}: all void, no cell has an elevation between {LOWEST_M:g} and {HIGHEST_M:g} m")
@@ -113,25 +101,25 @@ def _tile_of(
         z_m=np.ascontiguousarray(z_m, np.float32),
         transform=transform,
         crs=stated_crs.to_2d(),
+        heights=heights,
         file=DemFile(
             path=path,
             driver=dataset.driver,
             shape=(dataset.height, dataset.width),
-            dtype=dataset.dtypes[0],
+            dtype=dataset.dtypes[band - 1],
             pixel_is=str(dataset.tags().get("AREA_OR_POINT", "Area")).lower(),
             vertical_unit=unit,
             vertical_unit_from=unit_from,
             voids=voids,
+            band=band,
+            scale=scale,
+            vertical_datum=heights.name,
             overruled=overruled,
         ),
     )
 
 
 def _check_layout(dataset: "DatasetReader", path: Path) -> None:
-    if dataset.count != 1:
-        raise DemError(f"{path}: has {dataset.count} bands, but an elevation model has one")
-    if np.dtype(dataset.dtypes[0]).kind not in "iuf":
-        raise DemError(f"{path}: holds {dataset.dtypes[0]} values, which are no elevations")
     rows, cols = dataset.shape
     if rows * cols > MAX_CELLS:
         raise DemError(f"{path}: {rows} x {cols} cells are too many; cut the area out with gdalwarp -te")
@@ -141,6 +129,16 @@ def _check_layout(dataset: "DatasetReader", path: Path) -> None:
     # a hundredth of a cell across the whole file is rounding, not rotation
     if abs(transform.b) * rows > 0.01 * abs(transform.a) or abs(transform.d) * cols > 0.01 * abs(transform.e):
         raise DemError(f"{path}: its grid is rotated; make it north-up with gdalwarp")
+
+
+def _own_crs(dataset: "DatasetReader", taken: CRS) -> CRS:
+    """The file's own, which --crs need not repeat to keep the heights' datum."""
+    if len(taken.axis_info) > 2 or not dataset.crs:
+        return taken
+    try:
+        return CRS.from_wkt(dataset.crs.to_wkt())
+    except CRSError:
+        return taken
 
 
 def _crs_of(dataset: "DatasetReader", path: Path, option: str | None) -> CRS:
@@ -153,13 +151,23 @@ def _crs_of(dataset: "DatasetReader", path: Path, option: str | None) -> CRS:
     except CRSError:
         where, stated = ("--crs", repr(option)) if option is not None else (str(path), dataset.crs)
         raise DemError(f"{where}: not a coordinate reference system: {stated}") from None
-    if not (crs.is_geographic or crs.is_projected):
+    if not (crs.is_geographic or is_projected(crs)):
         raise DemError(f"{path}: {crs.name} is neither geographic nor projected; name another with --crs")
+    if not is_of_the_earth(crs):
+        raise DemError(
+            f"{path}: {crs.name} lies on another body than the Earth, which is the only one that can be searched"
+        )
     return crs if option is not None else _named(crs, dataset)
 
 
 def _overruled(
-    dataset: "DatasetReader", path: Path, taken: CRS, crs: str | None, vertical_unit: str | None
+    dataset: "DatasetReader",
+    path: Path,
+    taken: CRS,
+    crs: str | None,
+    vertical_unit: str | None,
+    band: int,
+    scale: float | None,
 ) -> tuple[str, ...]:
     """A mistaken option moves a fix by kilometres: what the file says otherwise must not go unsaid."""
     notes = []
@@ -167,25 +175,24 @@ def _overruled(
         own = _named(CRS.from_wkt(dataset.crs.to_wkt()), dataset)
         if not own.to_2d().equals(taken.to_2d(), ignore_axis_order=True):
             notes.append(f"{path}: says {own.name}; --crs takes it for {taken.name}")
-    if vertical_unit is not None and dataset.units[0]:
-        own_unit = _unit_named(dataset.units[0])
+    if vertical_unit is not None and dataset.units[band - 1]:
+        own_unit = unit_named(dataset.units[band - 1])
         if own_unit is not None and own_unit != vertical_unit:
             notes.append(
                 f"{path}: says its elevations are in {own_unit}; --vertical-unit takes them for {vertical_unit}"
             )
+    if scale is not None and dataset.scales[band - 1] not in (scale, 1.0):
+        notes.append(
+            f"{path}: says its scale is {dataset.scales[band - 1]:g}; --scale takes it for {scale:g}"
+        )
     return tuple(notes)
-
-
-def _unit_named(name: str) -> str | None:
-    """Which of ``VERTICAL_UNITS`` a file means."""
-    return next((unit for unit, names in _UNIT_NAMES.items() if name.strip().lower() in names), None)
 
 
 def _named(crs: CRS, dataset: "DatasetReader") -> CRS:
     """The CRS as EPSG lists it where that is the same one; USGS DEMs, for one, do not name theirs."""
     code = crs.to_epsg()
-    if code is None or len(crs.axis_info) != 2:
-        return crs
+    if code is None or len(crs.axis_info) != 2 or not is_named(crs):
+        return crs  # an ellipsoid alone fits the CRS of several datums
     listed = CRS.from_epsg(code)
     corners = dataset.bounds
     x, y = [corners.left, corners.right], [corners.bottom, corners.top]
@@ -193,14 +200,16 @@ def _named(crs: CRS, dataset: "DatasetReader") -> CRS:
     return listed if same else crs
 
 
-def _vertical_unit(dataset: "DatasetReader", path: Path, crs: CRS, option: str | None) -> tuple[str, str]:
+def _vertical_unit(
+    dataset: "DatasetReader", path: Path, crs: CRS, option: str | None, band: int
+) -> tuple[str, str]:
     if option is not None:
         if option not in VERTICAL_UNITS:
             raise DemError(f"--vertical-unit: {option} is not one of {', '.join(VERTICAL_UNITS)}")
         return option, "option"
-    band_unit = dataset.units[0]
-    if band_unit:
-        named = _unit_named(band_unit)
+    band_unit = dataset.units[band - 1]
+    if band_unit is not None and band_unit.strip().lower() not in UNSAID:
+        named = unit_named(band_unit)
         if named is not None:
             return named, "band"
         raise DemError(f"{path}: its vertical unit {band_unit!r} is unknown; name it with --vertical-unit")

@@ -9,9 +9,13 @@ from numpy.typing import NDArray
 from pygeomag import GeoMag
 
 from localizer.crs import short_name
+from localizer.datum import unknown_datum_note
 from localizer.dem import Dem
-from localizer.geodesy import meridian_convergence_deg, rowcol_to_lonlat
+from localizer.geodesy import bounds_deg, meridian_convergence_deg, rowcol_to_lonlat
+from localizer.heights import heights_note, heights_text
 
+DOUBTFUL_DATUM_M = 5.0
+"""Less goes unsaid beside a fix: it is what NAD83 and ETRS89 differ by from WGS84."""
 FLAT_VOIDS_GAP_M = 100.0
 """Zeros that lie so far below all other ground are no sea: a coast has every elevation in between."""
 
@@ -48,16 +52,21 @@ class DemInfo:
     declination_date: str
     suspect_zeros: int
     """Cells of 0 that look like voids (see ``suspect_zeros``)."""
+    datum_known: bool
+    """Whether there is an operation from the CRS's datum to WGS84."""
+    wgs84_operation: str
+    """Its name."""
+    wgs84_accuracy_m: float
+    """One standard deviation that it adds to WGS84 positions."""
+    vertical_datum: str
+    """What the elevations count from, and what was done about it."""
 
 
 def dem_info(dem: Dem, date: datetime.date) -> DemInfo:
     """Look at all of a DEM."""
     row, col = np.linspace(-0.5, dem.rows - 0.5, 9), np.linspace(-0.5, dem.cols - 0.5, 9)
     rows, cols = np.meshgrid(row, col)
-    lon_deg, lat_deg = rowcol_to_lonlat(dem, rows, cols)
-    centre_lon_deg, centre_lat_deg = float(lon_deg[4, 4]), float(lat_deg[4, 4])
-    # longitudes as they run on from the centre, so that a DEM across the date line stays in one piece
-    lon_deg = centre_lon_deg + (lon_deg - centre_lon_deg + 180.0) % 360.0 - 180.0
+    centre_lon_deg, centre_lat_deg = (float(value) for value in rowcol_to_lonlat(dem, row[4], col[4]))
     convergence_deg = meridian_convergence_deg(dem, rows, cols)
     return DemInfo(
         rows=dem.rows,
@@ -67,12 +76,7 @@ def dem_info(dem: Dem, date: datetime.date) -> DemInfo:
         crs=short_name(dem.crs),
         crs_name=dem.crs.name,
         metric_crs=short_name(dem.metric_crs),
-        bounds=Bounds(
-            south_deg=float(lat_deg.min()),
-            west_deg=_wrapped(float(lon_deg.min())),
-            north_deg=float(lat_deg.max()),
-            east_deg=_wrapped(float(lon_deg.max())),
-        ),
+        bounds=Bounds(*bounds_deg(dem, row, col)),
         lowest_m=float(np.nanmin(dem.z_m)),
         highest_m=float(np.nanmax(dem.z_m)),
         voids_percent=100.0 * float(np.mean(np.isnan(dem.z_m))),
@@ -80,6 +84,10 @@ def dem_info(dem: Dem, date: datetime.date) -> DemInfo:
         declination_deg=declination_deg(centre_lat_deg, centre_lon_deg, float(np.nanmean(dem.z_m)), date),
         declination_date=date.isoformat(),
         suspect_zeros=suspect_zeros(dem.z_m),
+        datum_known=dem.shift.known,
+        wgs84_operation=dem.shift.name,
+        wgs84_accuracy_m=dem.shift.accuracy_m,
+        vertical_datum=heights_text(dem.heights),
     )
 
 
@@ -107,7 +115,7 @@ def suspect_zeros(z_m: NDArray[np.float32]) -> int:
 def info_fields(dem: Dem, info: DemInfo) -> dict[str, Any]:
     """As one JSON object."""
     files = [asdict(file) | {"path": str(file.path)} for file in dem.files]
-    return {"files": files} | asdict(info)
+    return {"files": files} | asdict(info) | {"notes": dem_notes(dem)}
 
 
 def info_text(dem: Dem, info: DemInfo) -> str:
@@ -117,7 +125,9 @@ def info_text(dem: Dem, info: DemInfo) -> str:
         lines += [
             f"file          {file.path}",
             f"              {file.driver}, {file.shape[0]} x {file.shape[1]} {file.dtype}, "
-            f"pixel is {file.pixel_is}, vertical unit {file.vertical_unit} ({_UNIT_FROM[file.vertical_unit_from]})",
+            f"pixel is {file.pixel_is}, vertical unit {file.vertical_unit} ({_UNIT_FROM[file.vertical_unit_from]})"
+            + (f", band {file.band}" if file.band != 1 else "")
+            + (f", scale {file.scale:g}" if file.scale != 1.0 else ""),
         ]
     bounds = info.bounds
     declination = (
@@ -129,6 +139,8 @@ def info_text(dem: Dem, info: DemInfo) -> str:
         f"grid          {info.rows} rows x {info.cols} columns, "
         f"{info.spacing_ns_m:.2f} m north-south x {info.spacing_ew_m:.2f} m east-west at the centre",
         f"CRS           {_named(info.crs, info.crs_name)}; positions in {_named(info.metric_crs, dem.metric_crs.name)}",
+        f"datum         {_datum(info)}",
+        f"heights       {info.vertical_datum}",
         f"bounds        {bounds.south_deg:.5f}° to {bounds.north_deg:.5f}° north, "
         f"{bounds.west_deg:.5f}° to {bounds.east_deg:.5f}° east (WGS84)",
         f"elevations    {info.lowest_m:.1f} to {info.highest_m:.1f} m, {info.voids_percent:.2f} % void",
@@ -144,7 +156,17 @@ def dem_notes(dem: Dem) -> list[str]:
     """What whoever searches in a DEM should know of it, one line each."""
     zeros = suspect_zeros(dem.z_m)
     overruled = [note for file in dem.files for note in file.overruled]
-    return overruled + ([zeros_note(zeros)] if zeros else [])
+    notes = overruled + list(dem.joined_notes) + ([zeros_note(zeros)] if zeros else [])
+    if not dem.shift.known:
+        notes.append(unknown_datum_note(dem.crs, dem.shift))
+    elif dem.shift.accuracy_m >= DOUBTFUL_DATUM_M:
+        better = f"; {dem.shift.better}" if dem.shift.better else ""
+        notes.append(
+            f"positions on WGS84 are good to {dem.shift.accuracy_m:g} m at best, by {dem.shift.name} from the DEM's "
+            f"datum{better}"
+        )
+    note = heights_note(dem.heights)
+    return [*notes, note] if note else notes
 
 
 def zeros_note(count: int) -> str:
@@ -160,9 +182,12 @@ _UNIT_FROM = {
 }
 
 
+def _datum(info: DemInfo) -> str:
+    if not info.datum_known:
+        return "not known; latitudes and longitudes are not on WGS84 (see the note)"
+    accuracy = f", good to {info.wgs84_accuracy_m:g} m" if info.wgs84_accuracy_m else ""
+    return f"to WGS84 by: {info.wgs84_operation}{accuracy}"
+
+
 def _named(code: str, name: str) -> str:
     return f"{code} ({name})" if code.startswith("EPSG:") else name
-
-
-def _wrapped(lon_deg: float) -> float:
-    return (lon_deg + 180.0) % 360.0 - 180.0

@@ -1,10 +1,10 @@
 """The options of the localizer's commands that read elevation files."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Self
 
 import click
 
@@ -15,6 +15,9 @@ if TYPE_CHECKING:
     from localizer.dem import Dem
 
 LARGEST_ERROR_M = 1000.0
+LARGEST_SCALE = 1e6
+GEOID_RANGE_M = (-120.0, 120.0)
+"""As ``heights`` has it, which is slow to import."""
 
 Command = Callable[..., object]
 
@@ -28,6 +31,18 @@ class DemChoice:
     crs: str | None = None
     nodata: float | None = None
     error_m: float | None = None
+    band: int | None = None
+    scale: float | None = None
+    geoid_offset_m: float | None = None
+
+    def to_fields(self) -> dict[str, Any]:
+        """As JSON has it, for another process."""
+        return asdict(self) | {"paths": [str(path) for path in self.paths]}
+
+    @classmethod
+    def from_fields(cls, fields: dict[str, Any]) -> Self:
+        """What ``to_fields`` gave."""
+        return cls(**fields | {"paths": tuple(Path(path) for path in fields["paths"])})
 
     def load(self) -> "Dem":
         """Read them. Raises ``DemError``."""
@@ -39,6 +54,9 @@ class DemChoice:
             crs=self.crs,
             nodata=self.nodata,
             error_m=self.error_m,
+            band=self.band,
+            scale=self.scale,
+            geoid_offset_m=self.geoid_offset_m,
         )
 
     def load_to_search(self, program: str) -> "Dem":
@@ -76,16 +94,41 @@ def dem_choice(command: Command) -> Command:
         vertical_unit: str | None,
         crs: str | None,
         nodata: float | None,
+        band: int | None,
+        scale: float | None,
+        geoid_offset_m: float | None,
         dem_error_m: float | None = None,
         **others: object,
     ) -> object:
         return command(
-            chosen_dem=DemChoice(dem_paths, vertical_unit, crs, nodata, dem_error_m),
+            chosen_dem=DemChoice(
+                dem_paths, vertical_unit, crs, nodata, dem_error_m, band, scale, geoid_offset_m
+            ),
             **others,
         )
 
     decorated: Command = with_choice
     for option in (
+        click.option(
+            "--geoid-offset",
+            "geoid_offset_m",
+            type=FiniteRange(*GEOID_RANGE_M),
+            metavar="M",
+            help="Where the elevations count from the ellipsoid: the geoid's height above it there (-33 in California), "
+            "which is taken off them.",
+        ),
+        click.option(
+            "--scale",
+            type=FiniteRange(-LARGEST_SCALE, LARGEST_SCALE),
+            metavar="FACTOR",
+            help="Of the stored numbers, where the file does not say it or says it wrong, as --scale 0.1.",
+        ),
+        click.option(
+            "--band",
+            type=click.IntRange(min=1),
+            metavar="N",
+            help="The band that holds the elevations, where there are several.",
+        ),
         click.option(
             "--nodata", type=float, metavar="VALUE", help="A further value that means void, as --nodata 0."
         ),

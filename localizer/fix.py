@@ -2,7 +2,9 @@
 
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+
+from localizer.crs import wrapped_lon_deg
 
 Probability = Annotated[float, Field(ge=0.0, le=1.0)]
 Status = Literal["fix", "ambiguous", "none"]
@@ -24,7 +26,8 @@ class Position(_Part):
     northing_m: float
     crs: str
     lat_deg: float
-    lon_deg: float
+    lon_deg: Annotated[float, AfterValidator(wrapped_lon_deg)]
+    """-180 <= lon < 180."""
     ground_m: float
     row: float
     col: float
@@ -85,7 +88,7 @@ class Fix(_Part):
     status: Status
     position: Position | None
     covariance_m2: tuple[tuple[float, float], tuple[float, float]] | None
-    """Of easting and northing."""
+    """Of easting and northing: along the map's axes, in metres of the ground."""
     probability: Probability
     elsewhere: Probability = 0.0
     """Of all places that are not among ``candidates``, those that were not compared included."""

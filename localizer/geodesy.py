@@ -4,6 +4,7 @@ Rows and columns count cell centres and may be fractions. Grid north, true north
 things: nothing here is magnetic, and where a direction is the grid's the name says so.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,14 +13,16 @@ from pyproj import Geod
 
 from localizer.crs import (
     WGS84,
-    degrees_per_unit,
     geographic_crs,
     lattice_xy,
     own_lonlat_deg,
     own_xy,
     transform_xy,
+    turn_in_x,
+    wrapped_deg,
 )
 from localizer.dem import Dem
+from localizer.ground import MapMetres, convergence_deg, map_metres, to_map_metres
 
 Floats = NDArray[np.float64]
 
@@ -38,10 +41,10 @@ def rowcol_to_xy(dem: Dem, row: ArrayLike, col: ArrayLike) -> tuple[Floats, Floa
 
 
 def xy_to_rowcol(dem: Dem, x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
-    """Row, col of coordinates in the DEM's own CRS. Longitudes may be off by whole turns."""
+    """Row, col of coordinates in the DEM's own CRS. Longitudes, and x of a map on a cylinder, may be off by whole turns."""
     x, y = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
-    if dem.crs.is_geographic:
-        turn = 360.0 / degrees_per_unit(dem.crs)
+    turn = turn_in_x(dem.crs)
+    if turn is not None:
         centre_x = dem.transform.c + dem.transform.a * dem.cols / 2
         x = x + turn * np.round((centre_x - x) / turn)
     return (y - dem.transform.f) / dem.transform.e - 0.5, (x - dem.transform.c) / dem.transform.a - 0.5
@@ -49,34 +52,72 @@ def xy_to_rowcol(dem: Dem, x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
 
 def rowcol_to_metric(dem: Dem, row: ArrayLike, col: ArrayLike) -> tuple[Floats, Floats]:
     """Easting, northing in ``dem.metric_crs``."""
-    return transform_xy(dem.crs, dem.metric_crs, *rowcol_to_xy(dem, row, col))
+    return xy_to_metric(dem, *rowcol_to_xy(dem, row, col))
+
+
+def xy_to_metric(dem: Dem, x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
+    """Easting, northing in ``dem.metric_crs`` of coordinates in the DEM's own CRS."""
+    if dem.crs == dem.metric_crs:
+        return transform_xy(dem.crs, dem.metric_crs, x, y)
+    return transform_xy(WGS84, dem.metric_crs, *dem.to_lonlat_deg(x, y))
+
+
+def metric_to_lonlat(dem: Dem, easting_m: ArrayLike, northing_m: ArrayLike) -> tuple[Floats, Floats]:
+    """WGS84 longitude, -180 <= lon < 180, and latitude of coordinates in ``dem.metric_crs``."""
+    if dem.crs == dem.metric_crs:
+        return _wrapped(*dem.to_lonlat_deg(easting_m, northing_m))
+    return _wrapped(*transform_xy(dem.metric_crs, WGS84, easting_m, northing_m))
 
 
 def metric_to_rowcol(dem: Dem, easting_m: ArrayLike, northing_m: ArrayLike) -> tuple[Floats, Floats]:
     """Row, col of coordinates in ``dem.metric_crs``."""
-    return xy_to_rowcol(dem, *transform_xy(dem.metric_crs, dem.crs, easting_m, northing_m))
+    if dem.crs == dem.metric_crs:
+        return xy_to_rowcol(dem, easting_m, northing_m)
+    return xy_to_rowcol(
+        dem, *dem.from_lonlat_deg(*transform_xy(dem.metric_crs, WGS84, easting_m, northing_m))
+    )
 
 
 def rowcol_to_lonlat(dem: Dem, row: ArrayLike, col: ArrayLike) -> tuple[Floats, Floats]:
-    """Longitude and latitude in degrees, WGS84."""
-    return transform_xy(dem.crs, WGS84, *rowcol_to_xy(dem, row, col))
+    """Longitude, -180 <= lon < 180 whatever the DEM's own are, and latitude in degrees, WGS84."""
+    return _wrapped(*dem.to_lonlat_deg(*rowcol_to_xy(dem, row, col)))
+
+
+def _wrapped(lon_deg: Floats, lat_deg: Floats) -> tuple[Floats, Floats]:
+    return wrapped_deg(lon_deg), lat_deg
 
 
 def lonlat_to_rowcol(dem: Dem, lon_deg: ArrayLike, lat_deg: ArrayLike) -> tuple[Floats, Floats]:
-    """Row, col of WGS84 longitudes and latitudes."""
-    return xy_to_rowcol(dem, *transform_xy(WGS84, dem.crs, lon_deg, lat_deg))
+    """Row, col of WGS84 longitudes, off by whole turns or not, and latitudes."""
+    return xy_to_rowcol(dem, *dem.from_lonlat_deg(wrapped_deg(lon_deg), lat_deg))
+
+
+def bounds_deg(
+    dem: Dem, rows: Sequence[float] | Floats, cols: Sequence[float] | Floats
+) -> tuple[float, float, float, float]:
+    """South, west, north, east of the places at ``rows`` x ``cols``, WGS84. Across the date line west is more than east."""
+    row, col = np.meshgrid(np.asarray(rows, np.float64), np.asarray(cols, np.float64))
+    lon_deg, lat_deg = rowcol_to_lonlat(dem, row, col)
+    centre_lon_deg, _ = rowcol_to_lonlat(dem, float(np.mean(rows)), float(np.mean(cols)))
+    # as they run on from the centre, so that what lies across the date line stays in one piece
+    from_centre = wrapped_deg(lon_deg - centre_lon_deg)
+    west, east = wrapped_deg(centre_lon_deg + np.array([from_centre.min(), from_centre.max()]))
+    return float(lat_deg.min()), float(west), float(lat_deg.max()), float(east)
 
 
 def enu_to_metric_jacobian(dem: Dem, row: ArrayLike, col: ArrayLike) -> Floats:
     """(..., 2, 2): from metres to true east and north to easting and northing in ``dem.metric_crs``.
 
-    A covariance C of (east, north) becomes J C J^T. Holds the meridian convergence and the map scale.
+    A covariance C of (east, north) becomes J C J^T in the map's own metres. Holds the meridian convergence and the map scale;
+    see ``localizer.ground`` for what of it is to be told.
     """
-    row, col = np.broadcast_arrays(np.asarray(row, np.float64), np.asarray(col, np.float64))
-    east = _along_geodesic(dem, row, col, np.array([90.0, 270.0]), LINEAR_M, metric=True)
-    north = _along_geodesic(dem, row, col, np.array([0.0, 180.0]), LINEAR_M, metric=True)
-    columns = [(points[..., 0, :] - points[..., 1, :]) / (2.0 * LINEAR_M) for points in (east, north)]
-    return np.stack(columns, axis=-1)
+    return to_map_metres(dem.metric_crs, *rowcol_to_metric(dem, row, col))
+
+
+def map_metres_at(dem: Dem, row: float, col: float) -> MapMetres:
+    """How the ground lies in ``dem.metric_crs`` at a place."""
+    easting_m, northing_m = rowcol_to_metric(dem, row, col)
+    return map_metres(dem.metric_crs, float(easting_m), float(northing_m))
 
 
 def meridian_convergence_deg(dem: Dem, row: ArrayLike, col: ArrayLike) -> Floats:
@@ -85,8 +126,7 @@ def meridian_convergence_deg(dem: Dem, row: ArrayLike, col: ArrayLike) -> Floats
     grid_azimuth = true_azimuth - convergence. In a UTM zone of the northern hemisphere it is positive east of
     the central meridian.
     """
-    jacobian = enu_to_metric_jacobian(dem, row, col)
-    return np.degrees(-np.arctan2(jacobian[..., 0, 1], jacobian[..., 1, 1]))
+    return convergence_deg(enu_to_metric_jacobian(dem, row, col))
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,10 +209,8 @@ def _between(nodes: Floats, position: Floats) -> tuple[NDArray[np.int64], Floats
     return before, scaled - before
 
 
-def _along_geodesic(
-    dem: Dem, row: Floats, col: Floats, azimuth_deg: Floats, distance_m: float, *, metric: bool = False
-) -> Floats:
-    """Where geodesics of one length lead, (..., azimuths, 2): row, col; easting, northing if ``metric``.
+def _along_geodesic(dem: Dem, row: Floats, col: Floats, azimuth_deg: Floats, distance_m: float) -> Floats:
+    """Where geodesics of one length lead, (..., azimuths, 2): row, col.
 
     They run on the ellipsoid of the DEM's own datum, on which true north is defined here.
     """
@@ -181,8 +219,7 @@ def _along_geodesic(
     lon_deg, lat_deg = (np.broadcast_to(angle[..., None], shape).ravel() for angle in (lon_deg, lat_deg))
     azimuths = np.broadcast_to(azimuth_deg, shape).ravel()
     to_lon, to_lat, _ = geod(dem).fwd(lon_deg, lat_deg, azimuths, np.full(azimuths.shape, distance_m))
-    x, y = own_xy(dem.crs, to_lon, to_lat)
-    ends = transform_xy(dem.crs, dem.metric_crs, x, y) if metric else xy_to_rowcol(dem, x, y)
+    ends = xy_to_rowcol(dem, *own_xy(dem.crs, to_lon, to_lat))
     return np.stack(ends, axis=-1).reshape(*shape, 2)
 
 

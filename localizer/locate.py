@@ -9,11 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from localizer.answer import Located, fix_of, metric_covariance
-from localizer.bundle import Bundle, frame_image
+from localizer.bundle import Bundle
 from localizer.camera import camera_to_world, project
 from localizer.contradiction import Settled, settle_frames
+from localizer.datum import UNKNOWN_DATUM_M
 from localizer.dem import Dem
 from localizer.details import FrameDetail, LocateDetails, LocateResult, SolvedErrors
+from localizer.doubts import altitude_as_trusted, without_altimeter
 from localizer.geodesy import lonlat_to_rowcol
 from localizer.horizon.from_image import CONFIDENT, ColumnState, Skyline, find_skyline
 from localizer.horizon.from_terrain import Terrain, at_rim, horizon, horizon_around, prepare_terrain
@@ -26,6 +28,7 @@ from localizer.search.refine import Refined
 from localizer.search.rounds import Ranked, likeliest_cells
 from localizer.search.stage1 import Band, Stage1, bands, heading_offsets_deg, search_stage1
 from localizer.search.stage2 import search_stage2
+from localizer.upright import frame_skyline, upright
 
 Floats = NDArray[np.float64]
 
@@ -59,8 +62,8 @@ def locate_bundle(bundle: Bundle, dem: Dem) -> LocateResult:
         terrain = prepare_terrain(dem)
         load_kernels(terrain)
     with watch.part("horizon"):
-        skylines = [find_skyline(frame_image(bundle, frame)) for frame in bundle.frames]
-    observation = observe(bundle, skylines)
+        skylines = [frame_skyline(bundle, frame) for frame in bundle.frames]
+    observation = altitude_as_trusted(observe(bundle, skylines), dem)
     located = locate(terrain, observation)
     timing = {**watch.seconds, **located.timing_s}
     with watch.part("frames"):
@@ -69,6 +72,7 @@ def locate_bundle(bundle: Bundle, dem: Dem) -> LocateResult:
         )
     timing["frames"] = watch.seconds["frames"]
     fix = fix_of(terrain, observation, settled.located, bundle.id, timing)
+    fix = without_altimeter(terrain, observation, fix, lambda blind: locate(terrain, blind, everywhere=False))
     return LocateResult(fix, _details(terrain, bundle, observation, skylines, settled))
 
 
@@ -95,19 +99,20 @@ def load_picture_kernels() -> None:
 
 
 def observe(bundle: Bundle, skylines: list[Skyline]) -> Observation:
-    """What the search is given: the confident columns of each frame and the bundle's readings."""
+    """What the search is given: the confident columns of each frame, turned upright, and the bundle's readings."""
     frames = []
     for frame, skyline in zip(bundle.frames, skylines, strict=True):
         used = _usable(skyline)
+        turned = upright(bundle.camera, frame.roll_deg)
         frames.append(
             FrameObservation(
                 label=frame.label,
-                camera=bundle.camera,
+                camera=turned.camera,
                 azimuth_deg=frame.azimuth_deg,
                 azimuth_sigma_deg=frame.azimuth_sigma_deg,
                 tilt_deg=frame.tilt_deg,
                 tilt_sigma_deg=frame.tilt_sigma_deg,
-                roll_deg=frame.roll_deg,
+                roll_deg=turned.roll_deg,
                 roll_sigma_deg=frame.roll_sigma_deg,
                 u_px=np.nonzero(used)[0].astype(float),
                 v_px=skyline.row_px[used],
@@ -221,10 +226,31 @@ def _within_prior(terrain: Terrain, observation: Observation) -> NDArray[np.bool
     if prior is None:
         return None
     dem = terrain.dem
-    row, col = lonlat_to_rowcol(dem, prior.lon_deg, prior.lat_deg)
-    south = (np.arange(dem.rows) - float(row))[:, None] * dem.spacing_ns_m
-    east = (np.arange(dem.cols) - float(col))[None, :] * dem.spacing_ew_m
-    return np.asarray(np.hypot(south, east) <= prior.radius_m)
+    row, col = (float(value) for value in lonlat_to_rowcol(dem, prior.lon_deg, prior.lat_deg))
+    within = np.zeros((dem.rows, dem.cols), bool)
+    if not np.isfinite([row, col]).all():
+        return within
+    frame = terrain.frames.at(np.clip(row, 0, dem.rows), np.clip(col, 0, dem.cols))[0]
+    to_ground = np.linalg.inv(
+        frame[:, :2]
+    )  # from rows and columns to metres east and north, as it is at the centre
+    doubt_m = 0.0 if dem.shift.known else UNKNOWN_DATUM_M  # the circle is told on WGS84
+    radius_m = prior.radius_m + doubt_m
+    reach = 1.5 * radius_m * np.abs(frame[:, :2]).sum(axis=1) + 2.0
+    first = np.clip(np.floor([row - reach[0], col - reach[1]]), 0, (dem.rows, dem.cols)).astype(int)
+    end = np.clip(np.ceil([row + reach[0], col + reach[1]]) + 1, 0, (dem.rows, dem.cols)).astype(int)
+    if (end <= first).any():
+        return within
+    steps = np.stack(
+        np.meshgrid(np.arange(first[0], end[0]) - row, np.arange(first[1], end[1]) - col, indexing="ij")
+    )
+    off_m = np.tensordot(to_ground, steps, axes=1)
+    for _ in range(2):  # of a circle of many kilometres the second order counts
+        e, n = off_m
+        bent = np.tensordot(frame[:, 2:], np.array([e * e, e * n, n * n]), axes=1)
+        off_m = np.tensordot(to_ground, steps - bent, axes=1)
+    within[first[0] : end[0], first[1] : end[1]] = np.hypot(*off_m) <= radius_m
+    return within
 
 
 def _usable(skyline: Skyline) -> NDArray[np.bool_]:
@@ -245,7 +271,9 @@ def _details(
     best = located.best
     errors = iter(best.frame_errors_deg) if best else iter(())
     frames = []
-    for frame, skyline in zip(observation.frames, skylines, strict=True):
+    for recorded, frame, skyline in zip(bundle.frames, observation.frames, skylines, strict=True):
+        turned = upright(bundle.camera, recorded.roll_deg)
+        camera = turned.camera
         found = np.isfinite(skyline.row_px)
         u = v = np.zeros(0)
         rim_share = 0.0
@@ -258,22 +286,24 @@ def _details(
                 frame.tilt_deg - best.tilt_bias_deg - own[1],
                 frame.roll_deg - own[2],
             )
-            half_view = np.degrees(np.arctan(bundle.camera.width_px / bundle.camera.fx_px)) + 5.0
+            half_view = np.degrees(np.arctan(camera.width_px / camera.fx_px)) + 5.0
             azimuth = attitude[0] + np.arange(-half_view, half_view, 0.05)
             elevation, distance_m = horizon(terrain, best.row, best.col, best.altitude_m, azimuth)
-            u, v = project(bundle.camera, camera_to_world(*attitude), azimuth, elevation[0])
-            inside = (u >= -1.0) & (u <= bundle.camera.width_px)
+            u, v = project(camera, camera_to_world(*attitude), azimuth, elevation[0])
+            inside = (u >= -1.0) & (u <= camera.width_px)
             u, v = u[inside], v[inside]
             if inside.any() and not terrain.exact:
                 seen_m = distance_m[0][inside]
                 rim_share = float(
                     at_rim(terrain, best.row, best.col, np.radians(azimuth[inside]), seen_m).mean()
                 )
+        found_u, found_v = turned.as_recorded(np.nonzero(found)[0].astype(float), skyline.row_px[found])
+        u, v = turned.as_recorded(u, v)
         frames.append(
             FrameDetail(
                 label=frame.label,
-                found_u_px=np.nonzero(found)[0].astype(float),
-                found_v_px=skyline.row_px[found],
+                found_u_px=found_u,
+                found_v_px=found_v,
                 used=_usable(skyline)[found],
                 predicted_u_px=u,
                 predicted_v_px=v,
@@ -281,6 +311,7 @@ def _details(
                 agreement=settled.agreement.get(frame.label),
                 left_out=left_out,
                 rim_share=rim_share,
+                quarters=turned.quarters,
             )
         )
     candidates = located.decision.candidates

@@ -18,6 +18,7 @@ from localizer.dem import Dem
 from localizer.details import FrameDetail, LocateDetails, LocateResult
 from localizer.fix import Fix
 from localizer.geodesy import metric_to_rowcol, rowcol_to_metric
+from localizer.ground import map_metres
 from localizer.relief import dem_bounds_m, draw_relief
 from localizer.report import CHI2_95, Truth, ellipse, lat_lon
 
@@ -110,9 +111,9 @@ def draw_frame(axes: Axes, image: NDArray[np.uint8], frame: FrameDetail, residua
     height_px, width_px = image.shape[:2]
     axes.imshow(image[:, :, ::-1], interpolation="antialiased")
     for chosen, colour in ((~frame.used, DOUBTFUL), (frame.used, FOUND)):
-        u_px, v_px = _broken_line(frame.found_u_px[chosen], frame.found_v_px[chosen])
+        u_px, v_px = _broken_line(frame, frame.found_u_px[chosen], frame.found_v_px[chosen])
         axes.plot(u_px, v_px, color=colour, lw=2.8, solid_capstyle="round")
-    order = np.argsort(frame.predicted_u_px)
+    order = np.argsort(frame.turned_px(frame.predicted_u_px, frame.predicted_v_px)[0])
     axes.plot(
         frame.predicted_u_px[order], frame.predicted_v_px[order], color=PREDICTED, lw=1.3, ls=(0, (5, 2))
     )
@@ -126,11 +127,12 @@ def draw_frame(axes: Axes, image: NDArray[np.uint8], frame: FrameDetail, residua
     axes.set_title(f"{frame.label}{residual}", fontsize=11, loc="left", pad=4)
 
 
-def _broken_line(u_px: Floats, v_px: Floats) -> tuple[Floats, Floats]:
-    """The points in the order of their columns, with a gap wherever columns are missing."""
-    order = np.argsort(u_px)
+def _broken_line(frame: FrameDetail, u_px: Floats, v_px: Floats) -> tuple[Floats, Floats]:
+    """The points in the order of their columns, once the frame has its sky up, with a gap wherever columns are missing."""
+    column_px = frame.turned_px(u_px, v_px)[0]
+    order = np.argsort(column_px)
     u_px, v_px = u_px[order], v_px[order]
-    gaps = np.flatnonzero(np.diff(u_px) > 1.5) + 1
+    gaps = np.flatnonzero(np.diff(column_px[order]) > 1.5) + 1
     return np.insert(u_px, gaps, np.nan), np.insert(v_px, gaps, np.nan)
 
 
@@ -145,7 +147,7 @@ def draw_map(axes: Axes, result: LocateResult, dem: Dem, truth: Truth | None) ->
         axes.scatter(
             easting_m / 1000.0, northing_m / 1000.0, s=area, c=colour, marker="s", lw=0.0, rasterized=True
         )
-    _draw_places(axes, result.fix, dem, truth, 1000.0, (0.0, 0.0))
+    _draw_places(axes, result.fix, dem, truth, (1000.0, 1000.0), (0.0, 0.0))
     axes.set_xlabel(f"easting, km   ({dem.metric_crs.name})", fontsize=9, labelpad=2)
     axes.set_ylabel("northing, km", fontsize=9, labelpad=2)
     few_ticks(axes, 7)
@@ -167,7 +169,7 @@ def stages(details: LocateDetails) -> list[tuple[str, NDArray[np.int64], str, fl
 
 
 def _draw_zoom(axes: Axes, result: LocateResult, dem: Dem, truth: Truth | None) -> None:
-    """The surroundings of the fix, so large that its ellipse can be seen; metres from the fix."""
+    """The surroundings of the fix, so large that its ellipse can be seen; metres of the ground from the fix."""
     position, covariance_m2 = result.fix.position, result.fix.covariance_m2
     if position is None or covariance_m2 is None:
         axes.axis("off")
@@ -179,14 +181,15 @@ def _draw_zoom(axes: Axes, result: LocateResult, dem: Dem, truth: Truth | None) 
         off_m = truth.distance_m(position, dem)
         # a true place far away would make the ellipse a dot again
         half_m = max(half_m, 1.3 * off_m) if off_m < 12.0 * half_m else half_m
+    unit_m = map_metres(dem.metric_crs, *origin_m).axis_scales
     bounds_m = (
-        origin_m[0] - 1.6 * half_m,
-        origin_m[0] + 1.6 * half_m,
-        origin_m[1] - half_m,
-        origin_m[1] + half_m,
+        origin_m[0] - 1.6 * half_m * unit_m[0],
+        origin_m[0] + 1.6 * half_m * unit_m[0],
+        origin_m[1] - half_m * unit_m[1],
+        origin_m[1] + half_m * unit_m[1],
     )
-    draw_relief(axes, dem, bounds_m, origin_m=origin_m)
-    outline_cells(axes, dem, bounds_m, origin_m)
+    draw_relief(axes, dem, bounds_m, origin_m=origin_m, unit_m=unit_m)
+    outline_cells(axes, dem, bounds_m, origin_m, unit_m)
     axes.add_patch(
         Ellipse(
             (0.0, 0.0),
@@ -198,15 +201,19 @@ def _draw_zoom(axes: Axes, result: LocateResult, dem: Dem, truth: Truth | None) 
             lw=1.4,
         )
     )
-    _draw_places(axes, result.fix, dem, truth, 1.0, origin_m)
+    _draw_places(axes, result.fix, dem, truth, unit_m, origin_m)
     axes.set_xlabel("metres from the fix", fontsize=9, labelpad=2)
     few_ticks(axes, 5)
 
 
 def outline_cells(
-    axes: Axes, dem: Dem, bounds_m: tuple[float, float, float, float], origin_m: tuple[float, float]
+    axes: Axes,
+    dem: Dem,
+    bounds_m: tuple[float, float, float, float],
+    origin_m: tuple[float, float],
+    unit_m: tuple[float, float],
 ) -> None:
-    """The borders of the DEM's cells, for scale, where there are few enough of them."""
+    """The borders of the DEM's cells, for scale, where there are few enough of them; as in ``draw_relief``."""
     west_m, east_m, south_m, north_m = bounds_m
     row, col = metric_to_rowcol(dem, [west_m, east_m, west_m, east_m], [south_m, south_m, north_m, north_m])
     first_row, last_row, first_col, last_col = (
@@ -219,16 +226,27 @@ def outline_cells(
         (rows[[0, -1]], np.full(2, c)) for c in cols
     ]:
         easting_m, northing_m = rowcol_to_metric(dem, line_row, line_col)
-        axes.plot(easting_m - origin_m[0], northing_m - origin_m[1], color="black", lw=0.5, alpha=0.4)
+        axes.plot(
+            (easting_m - origin_m[0]) / unit_m[0],
+            (northing_m - origin_m[1]) / unit_m[1],
+            color="black",
+            lw=0.5,
+            alpha=0.4,
+        )
 
 
 def _draw_places(
-    axes: Axes, fix: Fix, dem: Dem, truth: Truth | None, unit_m: float, origin_m: tuple[float, float]
+    axes: Axes,
+    fix: Fix,
+    dem: Dem,
+    truth: Truth | None,
+    unit_m: tuple[float, float],
+    origin_m: tuple[float, float],
 ) -> None:
     """The candidates of an ambiguous result, the fix and the true place."""
 
     def mark(easting_m: float, northing_m: float, style: Line2D) -> None:
-        marker = Line2D([(easting_m - origin_m[0]) / unit_m], [(northing_m - origin_m[1]) / unit_m])
+        marker = Line2D([(easting_m - origin_m[0]) / unit_m[0]], [(northing_m - origin_m[1]) / unit_m[1]])
         marker.update_from(style)
         marker.set_zorder(5.0)
         axes.add_artist(marker)

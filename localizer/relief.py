@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from localizer.dem import Dem
 from localizer.geodesy import metric_to_rowcol, rowcol_to_metric
+from localizer.ground import map_metres
 
 Floats = NDArray[np.float64]
 
@@ -26,21 +27,22 @@ def draw_relief(
     dem: Dem,
     bounds_m: tuple[float, float, float, float],
     *,
-    unit_m: float = 1.0,
+    unit_m: float | tuple[float, float] = 1.0,
     origin_m: tuple[float, float] = (0.0, 0.0),
     pixels: int = PIXELS,
 ) -> None:
     """Draw the rectangle west, east, south, north of the DEM's metric CRS.
 
-    The axes then count ``unit_m`` from ``origin_m`` (easting, northing).
+    The axes then count ``unit_m``, or one to the east and another to the north, from ``origin_m`` (easting, northing).
     """
     west_m, east_m, south_m, north_m = bounds_m
     image = relief_image(dem, bounds_m, pixels)
+    unit_e_m, unit_n_m = unit_m if isinstance(unit_m, tuple) else (unit_m, unit_m)
     extent = (
-        (west_m - origin_m[0]) / unit_m,
-        (east_m - origin_m[0]) / unit_m,
-        (south_m - origin_m[1]) / unit_m,
-        (north_m - origin_m[1]) / unit_m,
+        (west_m - origin_m[0]) / unit_e_m,
+        (east_m - origin_m[0]) / unit_e_m,
+        (south_m - origin_m[1]) / unit_n_m,
+        (north_m - origin_m[1]) / unit_n_m,
     )
     axes.imshow(image, extent=extent, origin="upper", aspect="equal", interpolation="antialiased")
     axes.set_xlim(extent[0], extent[1])
@@ -64,7 +66,8 @@ def relief_image(dem: Dem, bounds_m: tuple[float, float, float, float], pixels: 
     )  # of tens of millions of cells, some tell the range as well as all
     lowest_m, highest_m = np.nanpercentile(dem.z_m.ravel()[::every], (0.5, 99.8))
     tint = TINTS((z_m - lowest_m) / max(highest_m - lowest_m, 1.0))[..., :3]
-    # slopes over about a cell: over less, the facets of the bilinear surface show
+    # slopes are of the ground, and over about a cell: over less, the facets of the bilinear surface show
+    step_m /= map_metres(dem.metric_crs, (west_m + east_m) / 2.0, (south_m + north_m) / 2.0).scale
     reach = max(1, round(dem.spacing_ns_m / step_m / 2.0))
     image = np.clip(tint * (0.42 + 0.8 * hillshade(z_m, step_m, reach))[..., None], 0.0, 1.0)
     image[np.isnan(z_m)] = VOID_GREY

@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Annotated, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pyproj import CRS
 from pyproj.exceptions import CRSError
@@ -13,9 +12,13 @@ from localizer.bundle import Bundle
 from localizer.crs import WGS84, readable_name, transform_xy
 from localizer.dem import Dem
 from localizer.details import CONTRADICTS, LocateDetails, LocateResult
+from localizer.documents import MOST_JSON_BYTES, DocumentError, json_text, read_file
+from localizer.doubts import altitude_note, reason_note
 from localizer.errors import SkyfixError
 from localizer.fix import Fix, Position
 from localizer.geodesy import meridian_convergence_deg
+from localizer.ground import ground_distance_m, ground_offset_m, map_metres
+from localizer.os_errors import why_not_read
 
 CHI2_95 = 5.991
 """95 % of a normal distribution in the plane lies within this squared distance in sigmas."""
@@ -23,6 +26,8 @@ CHI2_95 = 5.991
 FARTHEST_M = 1e8
 """Beyond any coordinate of a map."""
 MUCH_AT_RIM = 0.2
+NOTED_SCALE = 0.01
+"""Where a map's metre differs by more, it is said."""
 
 Covariance = tuple[tuple[float, float], tuple[float, float]]
 
@@ -38,15 +43,18 @@ class Truth(BaseModel):
 
     def metric(self, dem: Dem) -> tuple[float, float]:
         """Easting and northing in ``dem.metric_crs``."""
+        return self.within(dem.metric_crs)
+
+    def within(self, crs: CRS | str) -> tuple[float, float]:
+        """Easting and northing in another projected CRS."""
         easting_m, northing_m = transform_xy(
-            CRS.from_user_input(self.crs), dem.metric_crs, self.easting_m, self.northing_m
+            CRS.from_user_input(self.crs), CRS.from_user_input(crs), self.easting_m, self.northing_m
         )
         return float(easting_m), float(northing_m)
 
     def distance_m(self, position: Position, dem: Dem) -> float:
-        """How far the position found lies from the true one, in the map's metres."""
-        easting_m, northing_m = self.metric(dem)
-        return float(np.hypot(position.easting_m - easting_m, position.northing_m - northing_m))
+        """How far on the ground the position found lies from the true one."""
+        return ground_distance_m(dem.metric_crs, _place(position), self.metric(dem))
 
 
 class EllipseAxes(NamedTuple):
@@ -61,10 +69,12 @@ class EllipseAxes(NamedTuple):
 def load_truth(path: Path) -> Truth:
     """Read a JSON file with easting_m, northing_m and crs. Raises ``SkyfixError``."""
     try:
-        truth = Truth.model_validate_json(path.read_bytes())
+        truth = Truth.model_validate_json(json_text(read_file(path, MOST_JSON_BYTES)))
         crs = CRS.from_user_input(truth.crs)
     except OSError as error:
-        raise SkyfixError(f"{path}: {error.strerror}") from None
+        raise SkyfixError(f"{path}: {why_not_read(error, path)}") from None
+    except DocumentError as error:
+        raise SkyfixError(f"{path}: {error}") from None
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         field = ".".join(str(part) for part in first["loc"])
@@ -92,11 +102,12 @@ def sigmas_off(fix: Fix, truth: Truth, dem: Dem) -> float:
     """The error of a fix in its own standard deviations (Mahalanobis distance)."""
     assert fix.position is not None
     assert fix.covariance_m2 is not None
-    easting_m, northing_m = truth.metric(dem)
-    off_m: NDArray[np.float64] = np.array(
-        [fix.position.easting_m - easting_m, fix.position.northing_m - northing_m]
-    )
+    off_m = ground_offset_m(dem.metric_crs, _place(fix.position), truth.metric(dem))
     return float(np.sqrt(off_m @ np.linalg.solve(np.array(fix.covariance_m2), off_m)))
+
+
+def _place(position: Position) -> tuple[float, float]:
+    return position.easting_m, position.northing_m
 
 
 def lat_lon(position: Position) -> str:
@@ -108,6 +119,8 @@ def lat_lon(position: Position) -> str:
 def report(fix: Fix, dem: Dem, truth: Truth | None = None) -> str:
     """The fix in lines for people to read."""
     lines = [f"bundle      {fix.bundle}", f"status      {STATUS_IN_WORDS[fix.status]}"]
+    if fix.reason is not None:
+        lines.append(f"reason      {fix.reason.text}")
     if fix.position is not None:
         lines += _position_lines(fix, fix.position, dem)
     if fix.position is not None and truth is not None:
@@ -130,13 +143,28 @@ def notes(result: LocateResult, bundle: Bundle, dem: Dem) -> list[str]:
             "the DEM does not explain the frames as the terrain itself would (--dem-error 0); its error was estimated instead"
         )
     looked = any(np.count_nonzero(frame.used) > 1 for frame in result.details.frames)
-    if result.fix.status == "none" and looked and stage1.after_altitude == 0:
+    empty = result.fix.status == "none" and looked and stage1.after_altitude == 0
+    if empty:
         where = "in the DEM" if bundle.prior is None else "in the circle of the bundle's prior"
         said.append(
             f"no ground {where} lies as high as the altitude and the mast's height say; check these, the unit of the DEM's "
             f"elevations{'' if bundle.prior is None else ', and the prior'}"
         )
+    if fix_note := altitude_note(result.fix, bundle, dem):
+        said.append(fix_note)
+    reason = (
+        reason_note(result.fix) if dem.shift.known else None
+    )  # the DEM's own notes say what is not known of it
+    if reason is not None and not (empty and _says_no_more(reason, bundle)):
+        said.append(reason)
     return said
+
+
+def _says_no_more(reason: str, bundle: Bundle) -> bool:
+    """Than that no ground lies as high as the altitude."""
+    from localizer.search.reasons import no_ground_at_altitude  # beside the search, which is slow to import
+
+    return bundle.altitude is not None and reason == no_ground_at_altitude(bundle.altitude.value_m).text
 
 
 def frame_notes(details: LocateDetails) -> list[str]:
@@ -168,14 +196,30 @@ STATUS_IN_WORDS = {
 }
 
 
+def _datum(dem: Dem) -> str:
+    """What latitudes and longitudes are worth."""
+    if not dem.shift.known:
+        return "not on WGS84: the DEM's datum is not known"
+    return f"WGS84, datum good to {dem.shift.accuracy_m:g} m" if dem.shift.accuracy_m else "WGS84"
+
+
 def _off(fix: Fix, truth: Truth, dem: Dem) -> str:
     return "no sigma" if fix.covariance_m2 is None else f"{sigmas_off(fix, truth, dem):.1f} sigma"
 
 
+def _map_name(position: Position, dem: Dem) -> str:
+    """The map's name, and how long its metre is on the ground where that is a matter."""
+    name = readable_name(dem.metric_crs)
+    scale = map_metres(dem.metric_crs, *_place(position)).scale
+    return (
+        name if abs(scale - 1.0) < NOTED_SCALE else f"{name}; a metre of this map is {1.0 / scale:.2f} m here"
+    )
+
+
 def _position_lines(fix: Fix, position: Position, dem: Dem) -> list[str]:
     lines = [
-        f"position    {lat_lon(position)}  (WGS84)",
-        f"            {position.easting_m:.1f} E  {position.northing_m:.1f} N  ({readable_name(dem.metric_crs)})",
+        f"position    {lat_lon(position)}  ({_datum(dem)})",
+        f"            {position.easting_m:.1f} E  {position.northing_m:.1f} N  ({_map_name(position, dem)})",
         f"            row {position.row:.2f}  col {position.col:.2f}  ground {position.ground_m:.1f} m",
     ]
     if fix.covariance_m2 is not None:

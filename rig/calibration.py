@@ -14,6 +14,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
+from localizer.documents import MOST_JSON_BYTES, DocumentError, json_text, read_file
+from localizer.os_errors import why_not_read, why_not_written
 from rig.atomic import write_atomically
 from rig.errors import RigError
 
@@ -219,19 +221,19 @@ def write_calibration(document: Calibration, folder: Path) -> Path:
     try:
         write_atomically(path, content.encode())
     except OSError as error:
-        raise CalibrationError(
-            f"{path}: cannot be written: {error.strerror}; choose another with --out"
-        ) from error
+        raise CalibrationError(f"{path}: {why_not_written(error, 'choose another with --out')}") from error
     return path
 
 
 def read_calibration(path: Path, kind: str | None = None) -> AppliedCalibration:
     """Read and check a calibration file, of one kind if that is given. ``CalibrationError`` names file and field."""
     try:
-        content = path.read_bytes()
+        content = read_file(path, MOST_JSON_BYTES)
+    except DocumentError as error:
+        raise CalibrationError(f"{path}: {error}; calibrate anew") from error
     except OSError as error:
         raise CalibrationError(
-            f"{path}: cannot be read: {error.strerror}; check [calibration], or calibrate anew with rig calibrate"
+            f"{path}: {why_not_read(error, path)}; check [calibration], or calibrate anew with rig calibrate"
         ) from error
     applied = AppliedCalibration(
         parse_calibration(content, str(path)), str(path), hashlib.sha256(content).hexdigest()
@@ -246,7 +248,9 @@ def read_calibration(path: Path, kind: str | None = None) -> AppliedCalibration:
 def parse_calibration(content: bytes | str, file: str) -> Calibration:
     """The calibration that a file holds. ``CalibrationError`` names ``file`` and the field."""
     try:
-        return _CALIBRATION.validate_json(content)
+        return _CALIBRATION.validate_json(json_text(content))
+    except DocumentError as error:
+        raise CalibrationError(f"{file}: {error}; calibrate anew") from error
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         field = ".".join(str(part) for part in first["loc"][1:] or first["loc"])

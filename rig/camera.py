@@ -9,11 +9,10 @@ import atexit
 import http.client
 import math
 import os
-import re
 import threading
 import time
-import urllib.request
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from types import TracebackType
@@ -27,17 +26,23 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.camera_exposure import V4L2_AUTOMATIC as V4L2_AUTOMATIC
+from rig.camera_exposure import V4L2_MANUAL as V4L2_MANUAL
+from rig.camera_exposure import FixedControl, FixedControls
+from rig.camera_exposure import LocalExposure as LocalExposure
+from rig.camera_source import Snapshots, gives_snapshots, is_http, why_not_opened
+from rig.camera_url import UnusableUrlError, get, shown, without_secrets
 from rig.config import CameraSection
 from rig.errors import DeviceError, TransientError
 from rig.fault_notes import note_fault
 from rig.readings import Instant
 from rig.telemetry import feed
+from rig.v4l2_settings import V4l2Settings
 
 Image = NDArray[np.uint8]
 
 WAITED_S = 0.004
 """A grab that took longer found nothing to take, and waited: the frame that it returned came after it began."""
-V4L2_AUTOMATIC, V4L2_MANUAL = 3, 1
 THREAD_END_S = 2.0
 REOPEN_PAUSE_S = 0.2
 
@@ -71,7 +76,7 @@ class Camera:
 
     def __init__(self, section: CameraSection) -> None:
         self._section = section
-        self._source = re.sub("//[^/@]*@", "//", str(section.source))  # without a password
+        self._source = shown(section.source)  # without a password
         self.name = f"camera {self._source}"
         self._changed = threading.Condition()
         self._stop = threading.Event()
@@ -80,7 +85,8 @@ class Camera:
         self._count = 0
         self._first_at_s = math.nan
         self._wanted_ev = 0.0
-        self._is_local = isinstance(section.source, int) or section.source.startswith("/dev/")
+        self._is_local = section.is_local
+        self._gives_snapshots = False
         self._thread = threading.Thread(target=self._read, name=self.name, daemon=True)
         self._thread.start()
 
@@ -122,16 +128,22 @@ class Camera:
         """
         self._wanted_ev = ev  # a local camera is told by the thread that reads it
         url = self._section.exposure_url
-        if url is None or self._is_local:
-            return
+        if url is not None and not self._is_local:
+            self._tell(url, ev)
+
+    def _tell(self, url: str, ev: float) -> None:
+        """Set the exposure of a network camera. Raises ``TransientError`` where it does not take it."""
         try:
-            with urllib.request.urlopen(
-                url.replace("{ev}", f"{ev:g}"), timeout=self._section.read_timeout_s
+            with get(
+                url.replace("{ev}", f"{ev:g}"), self._section.read_timeout_s, "[camera] exposure_url"
             ) as reply:
-                reply.read()
+                reply.read1(4096)  # how much more it says, and how slowly, is its own affair
+        except UnusableUrlError as error:
+            raise self._error(f"takes no exposure: {error.problem}", error.remedy) from None
         except (OSError, http.client.HTTPException) as error:
             raise self._error(
-                f"takes no exposure ({error})", "check its network and [camera] exposure_url"
+                f"takes no exposure ({without_secrets(str(error), url)})",
+                "check its network and [camera] exposure_url",
             ) from error
 
     def settled_s(self) -> float:
@@ -156,12 +168,26 @@ class Camera:
         return self.frames_after(monotonic_s, 1)[0]
 
     def close(self) -> None:
-        """End the thread and give the camera back. A camera that hangs is waited for no longer than ``THREAD_END_S``."""
+        """End the thread and give the camera back, its exposure too. One that hangs is waited for no longer than
+        ``THREAD_END_S``.
+        """
+        if self._wanted_ev != 0.0:
+            self._leave_exposure_to_it()
         self._stop.set()
         self._thread.join(THREAD_END_S)
         if self._thread.is_alive():
             patience_s = self._section.open_timeout_s + self._section.read_timeout_s + THREAD_END_S
             _hanging[self._thread] = time.monotonic() + patience_s
+
+    def _leave_exposure_to_it(self) -> None:
+        """A network camera at its own exposure, whatever was told last, by whom; that it takes none is noted."""
+        url = self._section.exposure_url
+        if url is None or self._is_local:
+            return
+        try:
+            self._tell(url, 0.0)
+        except TransientError as error:
+            note_fault(error.device, error.problem, "its exposure may have stayed as it was")
 
     def _wait(self, wanted: Callable[[TimedFrame], bool], wait_s: float, problem: str) -> TimedFrame:
         """The newest frame as soon as it is one that is wanted."""
@@ -192,8 +218,14 @@ class Camera:
                 self._stream()
             except (DeviceError, cv2.error) as error:
                 failure = (
-                    error if isinstance(error, DeviceError) else self._error(f"failed: {error}", "restart it")
+                    error
+                    if isinstance(error, DeviceError)
+                    else self._error(
+                        f"failed: {without_secrets(str(error), self._section.source)}", "restart it"
+                    )
                 )
+                if self._ended_as_a_snapshot_does():
+                    continue
                 with self._changed:
                     if self._failure is None or not isinstance(failure, TransientError):
                         self._failure = failure  # that it cannot be opened again is not why it ended
@@ -205,17 +237,33 @@ class Camera:
                 self._stop.wait(REOPEN_PAUSE_S)
 
     def _stream(self) -> None:
-        """Publish frames until told to stop. Raises ``DeviceError`` where the stream ends."""
-        capture: cv2.VideoCapture | None = None
-        try:
+        """Publish frames until told to stop. Raises ``DeviceError`` where the stream ends.
+
+        What the camera's driver was told is given back, whatever ends it.
+        """
+        with ExitStack() as told:
+            exposure: LocalExposure | None = None
+            if self._is_local:  # before it is opened: no picture is asked for with another program's zoom
+                told.callback(V4l2Settings(self._section.source, self.name).restore)
             capture = self._open()
+            told.callback(capture.release)
+            if self._is_local and not isinstance(capture, Snapshots):
+                exposure = LocalExposure(capture, self._section.exposure, self.name)
+                told.callback(exposure.restore)
+                exposure.begin()
+                told.callback(FixedControls(capture, self._fixed_controls(), self.name).restore)
+            if self._wanted_ev == 0.0:  # a program that was killed may have left it dark
+                self._leave_exposure_to_it()
             not_before_s = -math.inf
-            exposure = LocalExposure(capture) if self._is_local else None
             while not self._stop.is_set():
                 if exposure is not None:
                     exposure.set(self._wanted_ev)
                 begun_s = time.monotonic()
-                if not capture.grab():
+                try:
+                    grabbed = capture.grab()
+                except UnusableUrlError as error:
+                    raise self._error(f"gives no picture: {error.problem}", error.remedy) from None
+                if not grabbed:
                     raise self._error(
                         f"stopped sending (nothing for {self._section.read_timeout_s:g} s, or it closed the stream)",
                         "check its power and cable or network",
@@ -227,9 +275,6 @@ class Camera:
                 if not ok:
                     raise self._error("sent a frame that cannot be decoded", "check cable and format")
                 self._publish(TimedFrame(self._checked(np.asarray(image)), not_before_s, arrived))
-        finally:
-            if capture is not None:
-                capture.release()
 
     def _publish(self, frame: TimedFrame) -> None:
         with self._changed:
@@ -241,11 +286,25 @@ class Camera:
             self._changed.notify_all()
         feed.publish(frame)
 
-    def _open(self) -> cv2.VideoCapture:
+    def _ended_as_a_snapshot_does(self) -> bool:
+        """Whether the address gives one picture and not a stream: from now on it is asked for each."""
+        source = self._section.source
+        if self._gives_snapshots or self._count > 1 or not is_http(source):
+            return False
+        self._gives_snapshots = gives_snapshots(str(source))
+        return self._gives_snapshots
+
+    def _open(self) -> cv2.VideoCapture | Snapshots:
         section = self._section
+        if self._gives_snapshots:
+            return Snapshots(str(section.source), section.read_timeout_s)
         cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
         if self._is_local:
             capture = cv2.VideoCapture(section.source, cv2.CAP_V4L2)
+            if (
+                section.fourcc is not None and capture.isOpened()
+            ):  # before the size: some are of one format only
+                self._ask_for_format(capture, section.fourcc)
             # Asked for, not relied upon: the frame's own size is checked.
             capture.set(cv2.CAP_PROP_FRAME_WIDTH, section.width_px)
             capture.set(cv2.CAP_PROP_FRAME_HEIGHT, section.height_px)
@@ -258,10 +317,35 @@ class Camera:
             ]
             capture = cv2.VideoCapture(section.source, cv2.CAP_FFMPEG, timeouts_ms)
         if not capture.isOpened():
-            raise self._error(
-                "cannot be opened", "check that it is connected and running, and [camera] source"
-            )
+            capture.release()
+            raise self._error(*why_not_opened(section.source))
         return capture
+
+    def _ask_for_format(self, capture: cv2.VideoCapture, fourcc: str) -> None:
+        code = cv2.VideoWriter.fourcc(*fourcc)
+        capture.set(cv2.CAP_PROP_FOURCC, code)
+        has = int(capture.get(cv2.CAP_PROP_FOURCC))
+        if has != code:
+            capture.release()
+            named = has.to_bytes(4, "little", signed=has < 0).decode("ascii", "replace").strip("\0")
+            raise DeviceError(
+                self.name,
+                f"does not give [camera] fourcc {fourcc!r} (it gives {named!r})",
+                "see what it gives with v4l2-ctl --list-formats-ext, or leave the key away",
+            )
+
+    def _fixed_controls(self) -> tuple[FixedControl, ...]:
+        section = self._section
+        controls = (
+            ("gain", cv2.CAP_PROP_GAIN, section.gain, None),
+            ("white_balance_k", cv2.CAP_PROP_WB_TEMPERATURE, section.white_balance_k, cv2.CAP_PROP_AUTO_WB),
+            ("focus", cv2.CAP_PROP_FOCUS, section.focus, cv2.CAP_PROP_AUTOFOCUS),
+        )
+        return tuple(
+            FixedControl(key, property_id, value, automatic_id)
+            for key, property_id, value, automatic_id in controls
+            if value is not None
+        )
 
     def _checked(self, image: NDArray[Any]) -> Image:
         height, width = image.shape[:2]
@@ -273,28 +357,6 @@ class Camera:
                 "set the camera to that size, or [camera] to a calibration of this one",
             )
         return np.asarray(image, np.uint8)
-
-
-class LocalExposure:
-    """The exposure of a V4L2 camera, in stops from what its automatic chose last."""
-
-    def __init__(self, capture: cv2.VideoCapture) -> None:
-        self._capture = capture
-        self._ev = 0.0
-        self._usual = 0.0
-
-    def set(self, ev: float) -> None:
-        """Set it where it is another one. A driver without such controls ignores it."""
-        if ev == self._ev:
-            return
-        if self._ev == 0.0:
-            self._usual = self._capture.get(cv2.CAP_PROP_EXPOSURE)
-        self._ev = ev
-        if ev == 0.0:
-            self._capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, V4L2_AUTOMATIC)
-            return
-        self._capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, V4L2_MANUAL)
-        self._capture.set(cv2.CAP_PROP_EXPOSURE, self._usual * 2.0**ev)
 
 
 def average(frames: Sequence[TimedFrame]) -> Image:

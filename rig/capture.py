@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from rig.attitude.standing import (
     standing_from,
     stop_of,
 )
+from rig.attitude.tilt_agreement import require_agreement
 from rig.bundle.writer import Measurement, require_writable, write_bundle
 from rig.bus.retry import retry
 from rig.camera import TimedFrame
@@ -38,8 +39,12 @@ from rig.pan_tilt import HeadState
 from rig.pictures.framing import confident_fraction, state_counts, tilt_correction_deg
 from rig.pictures.quality import Seen
 from rig.pictures.take import seen_at, take_pictures
+from rig.possible_altitude import altitude_bounds
 from rig.progress import Published, Reporter
 from rig.telemetry import feed
+
+if TYPE_CHECKING:
+    from localizer.dem import Dem
 
 MOST_VIEWS = 5
 SEARCH_TILT_DEG = 15.0
@@ -76,11 +81,12 @@ def capture(
     *,
     park: bool = False,
     spare: bool = False,
+    dem: "Dem | None" = None,
 ) -> Path:
     """Take a bundle into ``out_dir`` and return its directory. ``remarks`` (JSON values) go into its ``raw``.
 
     With ``park`` the head goes to its parking place before it is let go, with ``spare`` the capture does without a compass
-    or an altimeter that cannot be opened.
+    or an altimeter that cannot be opened. An altitude that the ground of ``dem`` cannot have is refused.
 
     Whatever happens, an interruption too, the head is left without torque and no incomplete bundle behind.
     Raises ``DeviceError``, ``GoalError`` or ``ConfigError`` as the parts do, ``BundleWriteError`` where the
@@ -92,9 +98,14 @@ def capture(
     report.doing("connecting")
     try:
         with collecting() as faults:
+            if wrong := clock.problem():
+                note_fault("wall clock", wrong, "times in this bundle are as wrong; the measurement is not")
+                report.done(f"{wrong}: times in this bundle are as wrong; set it")
             with connect(config, spare=spare) as rig:
                 measurement = (
-                    measure_and_park(rig, directions, report) if park else measure(rig, directions, report)
+                    measure_and_park(rig, directions, report, dem)
+                    if park
+                    else measure(rig, directions, report, dem)
                 )
             step_s = clock.step_s()
             if abs(step_s) > CLOCK_STEP_S:
@@ -111,13 +122,15 @@ def capture(
     return bundle_dir
 
 
-def measure_and_park(rig: Rig, directions: Sequence[Direction], report: Reporter) -> Measurement:
+def measure_and_park(
+    rig: Rig, directions: Sequence[Direction], report: Reporter, dem: "Dem | None" = None
+) -> Measurement:
     """As ``measure``, and the head goes to its parking place, after a failure too.
 
     A head that does not get there is a note: what has been measured counts.
     """
     try:
-        measurement = measure(rig, directions, report)
+        measurement = measure(rig, directions, report, dem)
     except RigError:
         _park(rig, report)
         raise
@@ -134,13 +147,15 @@ def _park(rig: Rig, report: Reporter) -> None:
         note_fault("pan and tilt head", f"cannot be parked: {error}", "let go where it stood")
 
 
-def measure(rig: Rig, directions: Sequence[Direction], report: Reporter) -> Measurement:
+def measure(
+    rig: Rig, directions: Sequence[Direction], report: Reporter, dem: "Dem | None" = None
+) -> Measurement:
     """Everything that goes into a bundle, frames in the order of ``directions``.
 
     ``CaptureError`` where no frame shows a skyline, or a reading is older than [capture] oldest_reading_s.
     """
     report.doing("level and heading")
-    reading = rig.readers.submit(_altitude, rig)
+    reading = rig.readers.submit(_altitude, rig, dem)
     parked = rig.pan_tilt.state()
     first = retry(lambda: rig.camera.frame_after(time.monotonic())).image_bgr
     seen = [seen_at(JointAngles(parked.pan_deg, parked.tilt_deg), first)]
@@ -153,6 +168,9 @@ def measure(rig: Rig, directions: Sequence[Direction], report: Reporter) -> Meas
     if altitude:
         feed.publish(altitude)
     report.done(_standing_line(standing, altitude))
+    north = standing.heading.declination
+    if north and north.doubt:
+        report.done(f"compass: {north.doubt}: {north.action}")
     head = Head.from_config(rig.config)
     found: dict[str, derive.Shot] = {}
     for direction in in_passing(directions, standing.attitude, head, rig.pan_tilt.state().pan_deg):
@@ -291,7 +309,7 @@ def take_view(rig: Rig, joints: JointAngles, standing: Standing, head: Head, see
     joints_seen = JointAngles((before.pan_deg + after.pan_deg) / 2, (before.tilt_deg + after.tilt_deg) / 2)
     stop = stop_of(after.ticks, joints_seen, level, readings)
     pointing = derive.pointing(standing, joints_seen, level, head)
-    _note_play(standing, joints_seen, level)
+    _compare_tilts(rig, standing, joints_seen, level)
     margin = rig.config.capture.skyline_margin_fraction
     skyline = pictures.skyline
     return View(
@@ -307,11 +325,15 @@ def take_view(rig: Rig, joints: JointAngles, standing: Standing, head: Head, see
     )
 
 
-def _note_play(standing: Standing, joints: JointAngles, level: HeadLevel) -> None:
-    """Note a tilt joint that disagrees with the inclinometer, which is the one that is believed."""
+def _compare_tilts(rig: Rig, standing: Standing, joints: JointAngles, level: HeadLevel) -> None:
+    """Note a tilt joint that disagrees with the inclinometer, which is the one that is believed.
+
+    ``DeviceError`` where they disagree by a factor.
+    """
+    measured_deg = level.tilt_deg - standing.level.tilt_zero_deg
+    require_agreement(standing.attitude, joints, measured_deg, rig.inclinometer.identify())
     by_joints_deg = body_attitude(head_rotation(standing.attitude, joints)).tilt_deg
-    play_deg = level.tilt_deg - standing.level.tilt_zero_deg - by_joints_deg
-    if abs(play_deg) > PLAY_DEG:
+    if abs(measured_deg - by_joints_deg) > PLAY_DEG:
         note_fault(
             "tilt servo",
             "stands more than 0.5 deg away from where the inclinometer finds the head: play in the gear",
@@ -319,10 +341,10 @@ def _note_play(standing: Standing, joints: JointAngles, level: HeadLevel) -> Non
         )
 
 
-def _altitude(rig: Rig) -> AltitudeReading | None:
+def _altitude(rig: Rig, dem: "Dem | None") -> AltitudeReading | None:
     if rig.altimeter is None or rig.config.altimeter is None:
         return None
-    return read_altitude(rig.altimeter, rig.config.altimeter)
+    return read_altitude(rig.altimeter, rig.config.altimeter, altitude_bounds(rig.config, dem))
 
 
 def _shot(direction: Direction, view: View) -> derive.Shot:

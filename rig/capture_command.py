@@ -111,7 +111,9 @@ def capture(
     out_dir = out_dir or config.rig.bundle_dir
     dem = None
     if locate:
-        dem = (chosen_dem if chosen_dem.paths else _configured_dem(config)).load_to_search("rig")
+        dem = (
+            chosen_dem if chosen_dem.paths else _configured_dem(config, config_path(config_file))
+        ).load_to_search("rig")
     with _telemetry(config, telemetry_file):
         if repeat > 1:
             return _take_series(config, directions, out_dir, repeat, every_s, fresh, as_json)
@@ -143,7 +145,7 @@ def _take_one(
 
     begun_s = time.monotonic()
     with stopping_cleanly(), reporting(1 + len(directions)) as report:
-        bundle_dir = take(config, directions, out_dir, report)
+        bundle_dir = take(config, directions, out_dir, report, dem=dem)
     took_s = time.monotonic() - begun_s
     if not as_json:
         click.echo(bundle_dir)
@@ -207,13 +209,16 @@ def _take_series(
     return 2 if any(outcome.reason for outcome in series.outcomes.values()) else 0
 
 
-def _configured_dem(config: RigConfig) -> DemChoice:
+def _configured_dem(config: RigConfig, path: Path) -> DemChoice:
     """What ``rig run`` searches."""
     if config.run is None:
         raise click.UsageError(
             "--locate: say where with --dem FILE; there is no [run] dem in the configuration."
         )
-    return DemChoice(config.run.dem, error_m=config.run.dem_error_m)
+    from rig.daemon.named_files import check_dem
+
+    check_dem(config.run, path)
+    return config.run.chosen_dem
 
 
 def _directions(names: str | None) -> list[Direction]:

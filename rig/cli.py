@@ -72,8 +72,8 @@ def check(
 ) -> int:
     """Connect to every device and say how it is; nothing moves. Ends with status 1 if any device fails.
 
-    At a known place (--at, --dem) the head turns, and the DEM's skyline says whether the calibration still holds; status 1
-    where it does not.
+    The altitude is compared with [place] and with the ground of the DEM, that of [run] unless given. At a known place (--at,
+    --dem) the head turns, and the DEM's skyline says whether the calibration still holds; status 1 where it does not.
 
     \b
     Examples:
@@ -83,23 +83,28 @@ def check(
     config = load_config(config_path(config_file))
     place = known_place_of(at, dem_paths) if at is not None else None
 
-    from rig import check as checks
+    from rig import check_report
+    from rig.check import check_all
 
     with stopping_cleanly():
-        results = checks.check_devices(config)
+        results = check_all(config, place.dem if place else None, dem_paths)
         offsets = []
         if place is not None and all(result.ok for result in results):
             from rig.calibrate.boresight import check_boresight
 
             offsets = check_boresight(config, place, sigmas)
+    whole = all(result.ok for result in results) and all(offset.holds for offset in offsets)
     if as_json:
-        found = checks.as_json(results)
+        found = check_report.as_json(results)
         if place is not None:
+            found["ok"] = whole
             found["calibration"] = [asdict(offset) for offset in offsets]
         click.echo(json.dumps(found, indent=2))
     else:
-        checks.print_table(results, checks.table_console())
+        check_report.print_table(results, check_report.table_console())
         for offset in offsets:
             verdict = "holds" if offset.holds else "NO LONGER HOLDS: rig calibrate boresight"
             click.echo(f"{offset.name}: {offset.off_deg:+.3f} +- {offset.sigma_deg:.3f} deg off, {verdict}")
-    return 0 if all(result.ok for result in results) and all(offset.holds for offset in offsets) else 1
+    if place is not None and not offsets:
+        click.echo("rig: the calibration was not checked: a device failed; mend that first", err=True)
+    return 0 if whole else 1

@@ -15,6 +15,9 @@ from pathlib import Path
 
 OFFSET_VARIABLE = "SKYFIX_CLOCK_OFFSET"
 
+PLAUSIBLE = datetime(2025, 1, 1, tzinfo=UTC), datetime(2050, 1, 1, tzinfo=UTC)
+"""A computer without a battery begins in 1970, or where its last run or its image ended; this program is younger."""
+
 
 def wall_clock() -> datetime:
     """What the computer takes for UTC at this moment."""
@@ -61,3 +64,11 @@ def utc_now() -> datetime:
 def step_s() -> float:
     """By how many seconds the wall clock has stepped since the session began, forwards positive."""
     return (wall_clock() - utc_now()).total_seconds()
+
+
+def problem(now: datetime | None = None) -> str | None:
+    """That the computer's clock cannot be right, in words for people; None where it may be."""
+    utc = now or utc_now()
+    if PLAUSIBLE[0] <= utc < PLAUSIBLE[1]:
+        return None
+    return f"the computer's clock says {utc:%Y-%m-%d %H:%M} UTC"

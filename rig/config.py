@@ -3,10 +3,10 @@
 ``configs/vehicle.toml`` explains each key to the engineer who installs the rig.
 """
 
+import errno
 import logging
 import os
 import re
-import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Literal, Self
@@ -22,7 +22,12 @@ from pydantic import (
     model_validator,
 )
 
+from localizer.crs import wrapped_lon_deg
+from localizer.documents import DocumentError, read_toml
+from localizer.os_errors import meant_instead
+from rig.bus.i2c_names import checked_bus
 from rig.calibration import CALIBRATION_ORDER, AppliedCalibration, CalibrationError, read_calibration
+from rig.config_conflicts import conflicts
 from rig.config_problems import joined, wrong_keys, wrong_value
 from rig.config_section import Section
 from rig.daemon.config import RunSection
@@ -36,12 +41,6 @@ MOST_SOFT_IRON = 0.5
 _log = logging.getLogger(__name__)
 
 Rows = tuple[tuple[float, float, float], ...]
-
-
-def _bus_address(text: str) -> str:
-    if not re.fullmatch(r"/dev/i2c-\d+|tcp://([^/:\s]+|\[[^]]+\]):\d+/\d+", text):
-        raise ValueError(f"{text!r} is no I2C bus; give /dev/i2c-N or tcp://HOST:PORT/BUS")
-    return text
 
 
 def _camera_source(source: object) -> object:
@@ -71,7 +70,7 @@ Triple = Annotated[tuple[Finite, Finite, Finite], Field(strict=False)]
 Row = Annotated[tuple[Finite, Finite, Finite], Field(strict=False)]
 Matrix = Annotated[tuple[Row, Row, Row], Field(strict=False), AfterValidator(_near_identity)]
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-Bus = Annotated[str, AfterValidator(_bus_address)]
+Bus = Annotated[str, BeforeValidator(checked_bus)]
 I2cAddress = Annotated[int, Field(ge=0x08, le=0x77)]
 Port = Annotated[str, Field(min_length=1)]
 Baud = Annotated[int, Field(ge=300)]
@@ -100,7 +99,7 @@ class Place(Section):
     """``[place]``: roughly where the rig works; nothing but the magnetic declination is derived from it."""
 
     lat_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
-    lon_deg: Annotated[float, Field(ge=-180.0, le=360.0)]
+    lon_deg: Annotated[float, Field(ge=-360.0, le=360.0), AfterValidator(wrapped_lon_deg)]
     altitude_m: Annotated[float, Field(ge=-500.0, le=9000.0)] = 0.0
 
 
@@ -226,11 +225,13 @@ class Mmc5983maSection(Section):
 
 
 class NmeaCompassSection(Section):
-    """``[compass]`` with ``kind = "nmea"``: a serial talker; HDG, HDM, HDT, THS, PTNTHPR or OHPR."""
+    """``[compass]`` with ``kind = "nmea"``: a serial talker; HDG, HDM, HDT, THS, PTNTHPR, OHPR or OceanServer's $C."""
 
     kind: Literal["nmea"]
     port: Port
     baud: Baud = 4800
+    require_checksum: bool = True
+    sentence: Annotated[str, Field(min_length=2)] | None = None
     declination_deg: Annotated[float, Field(ge=-180.0, le=180.0)] | None = None
     azimuth_bias_sigma_deg: Positive = 1.0
     heading_offset_deg: HeadingOffset = 0.0
@@ -248,7 +249,7 @@ class _AltimeterSection(Section):
 class I2cAltimeterSection(_AltimeterSection):
     """``[altimeter]``: a barometer chip."""
 
-    kind: Literal["bmp390", "bmp388", "ms5611"]
+    kind: Literal["bmp390", "bmp388", "ms5611", "ms5607"]
     bus: Bus
     address: I2cAddress
 
@@ -259,6 +260,14 @@ class SerialAltimeterSection(_AltimeterSection):
     kind: Literal["nmea", "vaisala-pa50"]
     port: Port
     baud: Baud = 4800
+    require_checksum: bool = True
+    transducer: Annotated[str, Field(min_length=1)] | None = None
+
+    @model_validator(mode="after")
+    def _transducers_are_of_nmea(self) -> Self:
+        if self.kind != "nmea" and (self.transducer is not None or not self.require_checksum):
+            raise ValueError(f"transducer and require_checksum are for kind nmea, not for {self.kind}")
+        return self
 
 
 CompassSection = Mmc5983maSection | NmeaCompassSection
@@ -279,6 +288,11 @@ class CameraSection(Section):
     frames_per_direction: Annotated[int, Field(ge=1, le=100)] = 4
     exposure_settle_s: Annotated[float, Field(ge=0.0, le=30.0)] = 0.3
     exposure_url: Annotated[str, Field(pattern=r"^https?://.*\{ev\}")] | None = None
+    fourcc: Annotated[str, Field(pattern=r"^[0-9A-Za-z ]{4}$")] | None = None
+    exposure: Positive | None = None
+    gain: NonNegative | None = None
+    white_balance_k: Annotated[float, Field(ge=1000.0, le=20_000.0)] | None = None
+    focus: NonNegative | None = None
     open_timeout_s: Positive = 5.0
     read_timeout_s: Positive = 2.0
     boresight_azimuth_deg: Annotated[float, Field(ge=-45.0, le=45.0)] = 0.0
@@ -293,6 +307,20 @@ class CameraSection(Section):
         for key, value, size in (("cx_px", self.cx_px, self.width_px), ("cy_px", self.cy_px, self.height_px)):
             if not 0.0 <= value <= size - 1:
                 raise ValueError(f"{key} {value:g} lies outside the picture of {size} px")
+        return self
+
+    @property
+    def is_local(self) -> bool:
+        """Whether it is a video device of this computer, which is told things by its driver."""
+        return isinstance(self.source, int) or self.source.startswith("/dev/")
+
+    @model_validator(mode="after")
+    def _driver_keys_are_for_a_local_camera(self) -> Self:
+        for key in ("fourcc", "exposure", "gain", "white_balance_k", "focus"):
+            if getattr(self, key) is not None and not self.is_local:
+                raise ValueError(
+                    f"{key} is told to the driver of a camera of this computer; source is a stream"
+                )
         return self
 
 
@@ -382,6 +410,8 @@ class RigConfig(Section):
                 "[compass] declination_deg: needed to get from magnetic to true north; give it, "
                 "or the rough [place] to compute it from"
             )
+        for conflict in conflicts(self):
+            raise ValueError(conflict)
         return self
 
 
@@ -402,14 +432,14 @@ def load_config(path: Path) -> RigConfig:
     ``ConfigError``, one line, names the file, the section and the key, and for a misspelt key the likely one.
     """
     try:
-        with path.open("rb") as file:
-            tables = tomllib.load(file)
+        tables = read_toml(path)
     except OSError as error:
         raise ConfigError(
             f"{path}: cannot be read: {error.strerror}; check --config or {ENVIRONMENT_VARIABLE}"
+            + (meant_instead(path) if error.errno == errno.ENOENT else "")
         ) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: is not valid TOML: {error}") from error
+    except DocumentError as error:
+        raise ConfigError(f"{path}: {error}") from error
     problems = list(wrong_keys(tables, RigConfig))
     if problems:
         raise ConfigError(f"{path}: {joined(problems)}")

@@ -8,6 +8,8 @@ from typing import Any, get_args, get_origin
 from pydantic import BaseModel
 from pydantic_core import ErrorDetails
 
+from rig.camera_url import shown
+
 PROBLEMS_NAMED = 3
 
 Keys = tuple[str, ...]
@@ -52,7 +54,8 @@ def wrong_value(error: ErrorDetails, tables: dict[str, Any]) -> str:
         return message if names_its_place else f"{_place(keys, isinstance(value, dict))}: {message}"
     if error["type"] in ("missing", "too_short", "too_long"):
         message = "wrong number of values"
-    return f"{_place(keys)}: {message[:1].lower()}{message[1:]} (found {value!r})"
+    found = shown(value) if isinstance(value, str) else value  # a URL may have a password in it
+    return f"{_place(keys)}: {message[:1].lower()}{message[1:]} (found {found!r})"
 
 
 def _most_like(key: str, absent: list[str]) -> list[str]:

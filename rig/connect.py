@@ -61,17 +61,35 @@ def open_compass(section: CompassSection) -> Compass:
     """The magnetometer chip or the talker."""
     if isinstance(section, Mmc5983maSection):
         return Reviving(partial(open_chip, Mmc5983ma, section.bus, section.address))
-    return Reviving(partial(nmea_compass, section.port, section.baud))
+    return Reviving(
+        partial(
+            nmea_compass,
+            section.port,
+            section.baud,
+            require_checksum=section.require_checksum,
+            sentence=section.sentence,
+        )
+    )
 
 
 def open_altimeter(section: AltimeterSection) -> Altimeter:
     """The barometer chip or the talker."""
     if isinstance(section, I2cAltimeterSection):
-        if section.kind == "ms5611":
-            return Reviving(partial(open_chip, Ms5611, section.bus, section.address))
+        if section.kind == "ms5611" or section.kind == "ms5607":
+            return Reviving(
+                partial(open_chip, partial(Ms5611, model=section.kind), section.bus, section.address)
+            )
         return Reviving(partial(open_chip, partial(Bmp3, model=section.kind), section.bus, section.address))
     if section.kind == "nmea":
-        return Reviving(partial(nmea_barometer, section.port, section.baud))
+        return Reviving(
+            partial(
+                nmea_barometer,
+                section.port,
+                section.baud,
+                require_checksum=section.require_checksum,
+                transducer=section.transducer,
+            )
+        )
     return Reviving(partial(vaisala_pa50, section.port, section.baud))
 
 

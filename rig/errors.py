@@ -24,6 +24,25 @@ class MessageError(RigError):
     """Received bytes are not a valid message. What pure parsers raise; they know no device to name."""
 
 
+class NoReadingError(MessageError):
+    """A message arrived whole, and holds no value that can be trusted now: cable and baud rate are in order.
+
+    ``remedy`` says what to do, like that of a ``DeviceError``.
+    """
+
+    def __init__(
+        self,
+        problem: str,
+        remedy: str = "wait until the instrument has a value; look at its state and settings",
+    ) -> None:
+        super().__init__(problem)
+        self.remedy = remedy
+
+
+class NoChecksumError(MessageError):
+    """A message that has to end with a checksum ends without one."""
+
+
 class DeviceError(RigError):
     """A device is absent, is another one than configured, or does not do what it should.
 

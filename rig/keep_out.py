@@ -34,6 +34,14 @@ def zone_at(angles: Angles, zones: Sequence[Zone]) -> Zone | None:
     return _zone_between(angles, angles, zones)
 
 
+def lies_in_a_zone(angles: Angles, zones: Sequence[Zone]) -> bool:
+    """Whether these angles lie in a zone itself, without the margin round it."""
+    return any(
+        zone.pan_min_deg < angles[0] < zone.pan_max_deg and zone.tilt_min_deg < angles[1] < zone.tilt_max_deg
+        for zone in zones
+    )
+
+
 def described(zone: Zone) -> str:
     """The zone as an operator reads it."""
     return f"pan {zone.pan_min_deg:g} to {zone.pan_max_deg:g}, tilt {zone.tilt_min_deg:g} to {zone.tilt_max_deg:g} deg"

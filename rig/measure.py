@@ -3,6 +3,7 @@
 import logging
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
@@ -10,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from rig import clock
 from rig.altitude import PressureReference, metres_per_hpa, plausible_altitude_m
 from rig.attitude.accelerometer import AccelerometerCorrection
 from rig.attitude.level import HeadLevel, head_level
@@ -18,13 +20,16 @@ from rig.bus.retry import retry
 from rig.config import AltimeterSection, InclinometerSection
 from rig.connect import Altimeter, Inclinometer, Rig
 from rig.errors import DeviceError
+from rig.fault_notes import note_fault
 from rig.pan_tilt import HeadState
+from rig.possible_altitude import AltitudeBounds, bounds_by_reference, require_possible
 
 _log = logging.getLogger(__name__)
 
 DRIFT_SIGMAS = 3.0
 ALTIMETER_AVERAGE_S = 0.5
 NUDGED_TICKS = 4
+TWO_PRESSURES_HPA = 3.0  # 25 m of altitude, within half a second
 MOST_DRIFT_M = 150.0  # from a deep low to a strong high
 
 
@@ -48,6 +53,9 @@ class MeanPressure:
     pressure_scatter_hpa: float
     temperature_c: float | None
     readings: int
+    resolution_hpa: float = 0.0
+    """One unit of the last digit that a talker sends: rounding does not average out."""
+    source: str = ""
 
 
 def still_level(rig: Rig, duration_s: float) -> tuple[HeadLevel, float]:
@@ -100,15 +108,31 @@ def read_level(
     return whole, early, late
 
 
-def read_altitude(altimeter: Altimeter, section: AltimeterSection) -> AltitudeReading:
-    """Altitude by the mean pressure of half a second. ``DeviceError`` where no ground lies that high or low."""
-    return altitude_from(read_pressure(altimeter, ALTIMETER_AVERAGE_S), section)
+def read_altitude(
+    altimeter: Altimeter, section: AltimeterSection, bounds: Sequence[AltitudeBounds] | None = None
+) -> AltitudeReading:
+    """Altitude by the mean pressure of half a second. ``DeviceError`` where that is beyond the bounds or no ground is.
+
+    Without bounds those of the reference hold, where the chip has a double.
+    """
+    mean = read_pressure(altimeter, ALTIMETER_AVERAGE_S)
+    read = altitude_from(mean, section)
+    known = bounds_by_reference(section) if bounds is None else bounds
+    require_possible(read.altitude_m, mean.pressure_hpa, section, mean.device, known)
+    return read
 
 
 def read_pressure(altimeter: Altimeter, duration_s: float) -> MeanPressure:
-    """Mean over some seconds."""
+    """Mean over some seconds. ``DeviceError`` where two pressures come in turns: their mean is none of them."""
     readings = retry(partial(altimeter.read_many, duration_s))
     pressures_hpa = np.array([reading.pressure_hpa for reading in readings])
+    two = two_pressures(pressures_hpa.tolist())
+    if two:
+        raise DeviceError(
+            altimeter.identify(),
+            f"says {two[0]:.1f} and {two[1]:.1f} hPa in turns, perhaps the pressure here and that of sea level (QNH)",
+            "set the instrument to send the pressure at the sensor only",
+        )
     return MeanPressure(
         altimeter.identify(),
         readings[-1].utc,
@@ -116,7 +140,23 @@ def read_pressure(altimeter: Altimeter, duration_s: float) -> MeanPressure:
         float(pressures_hpa.std()),
         readings[-1].temperature_c,
         len(readings),
+        min(reading.resolution_hpa for reading in readings),
+        readings[-1].source,
     )
+
+
+def two_pressures(pressures_hpa: Sequence[float]) -> tuple[float, float] | None:
+    """The means of two groups that lie further apart than weather and noise put them; None of one group."""
+    ordered = np.sort(np.asarray(pressures_hpa, float))
+    if len(ordered) < 2:
+        return None
+    gaps = np.diff(ordered)
+    widest = int(np.argmax(gaps))
+    low, high = ordered[: widest + 1], ordered[widest + 1 :]
+    within = max(float(np.ptp(low)), float(np.ptp(high)))
+    if gaps[widest] < TWO_PRESSURES_HPA or gaps[widest] < 4.0 * within:
+        return None
+    return float(low.mean()), float(high.mean())
 
 
 def altitude_from(mean: MeanPressure, section: AltimeterSection) -> AltitudeReading:
@@ -127,16 +167,20 @@ def altitude_from(mean: MeanPressure, section: AltimeterSection) -> AltitudeRead
     reference = PressureReference(
         section.reference_pressure_hpa, section.reference_altitude_m, section.reference_temperature_c
     )
-    noise_m = (
-        mean.pressure_scatter_hpa / math.sqrt(mean.readings) * metres_per_hpa(mean.pressure_hpa, reference)
-    )
+    metres = metres_per_hpa(mean.pressure_hpa, reference)
+    noise_m = mean.pressure_scatter_hpa / math.sqrt(mean.readings) * metres
+    rounding_m = mean.resolution_hpa / math.sqrt(12.0) * metres
     drift_m = 0.0
     if section.reference_time is not None:
+        if wrong := clock.problem(mean.utc):
+            note_fault(
+                mean.device, wrong, "the age of its reference is not known: as unsure as the weather goes"
+            )
         hours = abs((mean.utc - section.reference_time).total_seconds()) / 3600.0
         drift_m = min(section.drift_m_h * hours, MOST_DRIFT_M)
     return AltitudeReading(
         plausible_altitude_m(mean.pressure_hpa, reference, mean.device),
-        math.hypot(section.sigma_m, noise_m, drift_m),
+        math.hypot(section.sigma_m, noise_m, rounding_m, drift_m),
         mean.utc,
         {
             "device": mean.device,
@@ -145,6 +189,8 @@ def altitude_from(mean: MeanPressure, section: AltimeterSection) -> AltitudeRead
             "pressure_scatter_hpa": mean.pressure_scatter_hpa,
             "temperature_c": mean.temperature_c,
             "readings": mean.readings,
+            "resolution_hpa": mean.resolution_hpa,
+            "source": mean.source,
         },
     )
 

@@ -6,14 +6,14 @@ from typing import Any
 
 import click
 
-from localizer.command_line import FiniteRange
+from localizer.command_line import FiniteRange, NumbersCommand
 from rig.cli_options import config_option
 from rig.config import PanTiltSection, RigConfig, config_path, load_config
 from rig.errors import GoalError
 from rig.signals import stopping_cleanly
 
 
-@click.command(context_settings={"ignore_unknown_options": True})
+@click.command(cls=NumbersCommand)
 @config_option
 @click.argument("pan_deg", metavar="PAN", type=float, required=False)
 @click.argument("tilt_deg", metavar="TILT", type=float, required=False)
@@ -28,7 +28,11 @@ from rig.signals import stopping_cleanly
     help="With --azimuth: how far above the horizon the camera looks; 0 unless given.",
 )
 @click.option("--park", is_flag=True, help="Go to [pan_tilt] park_pan_deg and park_tilt_deg.")
-@click.option("--relax", is_flag=True, help="Go nowhere: only switch the torque off.")
+@click.option(
+    "--relax",
+    is_flag=True,
+    help="Only switch the torque off; with a goal, as without --relax, once it is reached.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def move(
     config_file: Path | None,
@@ -54,8 +58,8 @@ def move(
       rig move --relax
     """
     joints = pan_deg is not None and tilt_deg is not None
-    goals = [pan_deg is not None, azimuth_deg is not None, park, relax]
-    if goals.count(True) != 1 or (pan_deg is not None and not joints):
+    goals = [pan_deg is not None, azimuth_deg is not None, park]
+    if goals.count(True) > 1 or not (any(goals) or relax) or (pan_deg is not None and not joints):
         raise click.UsageError("Give PAN and TILT, or --azimuth, or --park, or --relax.")
     if camera_tilt_deg is not None and azimuth_deg is None:
         raise click.UsageError("--tilt goes with --azimuth.")

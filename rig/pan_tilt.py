@@ -22,7 +22,7 @@ from rig.dynamixel.servo import Servo, ServoState, read_states, require_models
 from rig.dynamixel.servo_bus import RefusedError, ServoBus
 from rig.errors import DeviceError, GoalError, RigError, TransientError
 from rig.fault_notes import note_fault
-from rig.keep_out import Zone, route
+from rig.keep_out import Zone, lies_in_a_zone, route
 from rig.telemetry import feed
 
 _log = logging.getLogger(__name__)
@@ -35,6 +35,8 @@ _STILL_TICKS = 1  # encoder noise
 _RELAX_REPLUG_S = 0.5  # on the way out there is little patience for a port that is gone
 # A proportional controller droops under the camera's weight; more than this is something in the way.
 _GOAL_TOLERANCE_DEG = 1.0
+_TOLD_WITHIN_S = 0.3  # from the reading of where a moving head is to its new goal, on a busy computer
+_WAY_TOLERANCE_DEG = 4.0  # beyond either end of a move: it overshoots, and is pulled when the torque comes on
 
 
 class AxisParameters(Protocol):
@@ -129,8 +131,8 @@ class PanTilt:
     """The head, connected and without torque. Use it as a context manager: leaving it switches the torque
     off.
 
-    Connecting checks that both servos are there and of the configured model, and gives them mode, limits and
-    speed. Raises ``DeviceError`` where port or servos are absent, others, or broken.
+    Connecting checks that both servos are there and of the configured model, undoes what other programs have left in them,
+    and gives them mode, limits and speed. Raises ``DeviceError`` where port or servos are absent, others, or broken.
 
     The servos' own bus watchdog is armed by ``move_to`` and disarmed once ``wait_settled`` has seen the head
     stand: a program that dies lets the head stop, and one that measures for some seconds need not talk to it.
@@ -150,8 +152,16 @@ class PanTilt:
             self._bus.close()
             raise
         self._goal_deg: tuple[float, float] | None = None
+        self._from_deg = math.nan, math.nan
+        self._brakes_within_deg = 0.0
+        self._astray: DeviceError | None = None
         self._holding: set[int] = set()
         try:
+            # All of them before anything else is written: a servo with a Secondary ID takes the others' orders.
+            for servo in self._servos:
+                retry(servo.answer_everything)
+            for servo in self._servos:
+                retry(servo.stand_alone)
             for axis in self._axes:
                 self._configure(axis)
         except BaseException as error:
@@ -172,7 +182,9 @@ class PanTilt:
 
     def _configure(self, axis: _Axis) -> None:
         speed = self._parameters.velocity_deg_s, self._parameters.acceleration_deg_s2
+        retry(partial(axis.servo.clear_eeprom, self._firmware[axis.servo.servo_id]))
         retry(partial(axis.servo.configure, axis.min_tick, axis.max_tick, *speed))
+        retry(axis.servo.clear_ram)  # a change of mode resets the gains, so they come last
 
     def __enter__(self) -> Self:
         return self
@@ -201,6 +213,7 @@ class PanTilt:
         """
         self._goal_ticks(pan_deg, tilt_deg)
         state = self.state()
+        self.require_one_turn(state)
         low, high = self._limits_deg()
         here = state.pan_deg, state.tilt_deg
         stops = route(here, (pan_deg, tilt_deg), self._parameters.keep_out, low, high)
@@ -240,11 +253,15 @@ class PanTilt:
         """Start straight towards both angles; ``wait_settled`` waits for the end.
 
         Raises ``GoalError`` before anything moves where an angle is outside its limits or the way leads through a
-        keep-out zone, ``DeviceError`` where a servo reports a hardware error or cannot be commanded.
+        keep-out zone, ``DeviceError`` where a servo reports a hardware error, was turned beyond its range by hand, or cannot
+        be commanded.
         """
         goals = self._goal_ticks(pan_deg, tilt_deg)
+        if self._astray:
+            raise self._astray
         state = self.state()
         self._require_healthy(state)
+        self.require_one_turn(state)
         low, high = self._limits_deg()
         here, goal_deg = (state.pan_deg, state.tilt_deg), (pan_deg, tilt_deg)
         if len(route(here, goal_deg, self._parameters.keep_out, low, high)) > 1:
@@ -256,7 +273,15 @@ class PanTilt:
             self._make_ready(axis)
         for axis, goal in zip(self._axes, goals, strict=True):
             retry(partial(self._send_goal, axis.servo, goal))
+        self._from_deg = here
+        speed, braking = self._parameters.velocity_deg_s, self._parameters.acceleration_deg_s2
+        self._brakes_within_deg = speed * _TOLD_WITHIN_S + speed**2 / (2.0 * braking) if state.moving else 0.0
         self._goal_deg = pan_deg, tilt_deg
+
+    def require_one_turn(self, state: HeadState) -> None:
+        """Raise ``DeviceError`` where a servo has been turned out of its range by hand: torque would send it the long way."""
+        for servo, tick in zip(self._servos, state.ticks, strict=True):
+            servo.require_one_turn(tick)
 
     @staticmethod
     def _send_goal(servo: Servo, goal: int) -> None:
@@ -271,7 +296,8 @@ class PanTilt:
     def _make_ready(self, axis: _Axis) -> None:
         """Torque on and watchdog armed, with the configured speed, whatever happened since the last move."""
         servo = axis.servo
-        if not retry(partial(servo.read, "Torque Enable")):  # never on yet, let go, or power was lost
+        torque = retry(partial(servo.read, "Torque Enable"))
+        if not torque or servo.servo_id not in self._holding:  # never on yet, let go, or power was lost
             if servo.servo_id in self._holding:
                 note_fault(servo.name, "lost its torque: a restart or a power cut", "set up anew")
             self._configure(axis)
@@ -333,6 +359,7 @@ class PanTilt:
         still = state
         while state.monotonic_s - still.monotonic_s < _STILL_S:
             self._require_healthy(state)
+            self._require_on_the_way(state)
             last_try = deadline.expired
             time.sleep(_POLL_S)
             state = self.state()
@@ -346,10 +373,35 @@ class PanTilt:
                         "raise settle_timeout_s, or look for what shakes it",
                     )
         self._require_healthy(state)
+        self._require_on_the_way(state)
         self._require_at_goal(state)
         for servo in self._servos:
             retry(servo.disarm_bus_watchdog)
         return state
+
+    def _require_on_the_way(self, state: HeadState) -> None:
+        """Let go at once, for good, and raise ``DeviceError``, where the head goes another way than that between the ends of
+        its move, which is the way that the keep-out zones were compared with, or into one of these.
+        """
+        if self._goal_deg is None:
+            return
+        angles = state.pan_deg, state.tilt_deg
+        for axis, from_deg, goal_deg, angle_deg in zip(
+            self._axes, self._from_deg, self._goal_deg, angles, strict=True
+        ):
+            low, high = sorted((from_deg, goal_deg))
+            tolerance_deg = _WAY_TOLERANCE_DEG + self._brakes_within_deg
+            strayed = not low - tolerance_deg <= angle_deg <= high + tolerance_deg
+            if not (strayed or lies_in_a_zone(angles, self._parameters.keep_out)):
+                continue
+            self._require_power(axis, f"at {angle_deg:.1f} deg on its way to {goal_deg:.1f} deg")
+            self._astray = DeviceError(
+                axis.servo.name,
+                f"went astray: at {angle_deg:.1f} deg on its way from {from_deg:.1f} to {goal_deg:.1f} deg",
+                "look at the cable and at what turns the head, then power-cycle the servos",
+            )
+            self.relax()
+            raise self._astray
 
     def _require_at_goal(self, state: HeadState) -> None:
         if self._goal_deg is None:
@@ -359,19 +411,24 @@ class PanTilt:
             if abs(angle_deg - goal_deg) <= _GOAL_TOLERANCE_DEG:
                 continue
             where = f"at {angle_deg:.1f} deg on its way to {goal_deg:.1f} deg"
-            if retry(axis.servo.bus_watchdog_tripped):
-                raise StoppedError(
-                    axis.servo.name,
-                    f"its bus watchdog stopped it {where}",
-                    "nobody spoke to it in time: raise bus_watchdog_ms, or move again",
-                )
-            if not retry(partial(axis.servo.read, "Torque Enable")):
-                raise StoppedError(
-                    axis.servo.name,
-                    f"lost its torque {where}",
-                    "check the servo's power supply, then move again",
-                )
+            self._require_power(axis, where)
             raise DeviceError(axis.servo.name, f"stopped {where}", "look for what blocks it")
+
+    @staticmethod
+    def _require_power(axis: _Axis, where: str) -> None:
+        """Raise ``StoppedError`` where a servo was stopped by its bus watchdog or has lost its torque."""
+        if retry(axis.servo.bus_watchdog_tripped):
+            raise StoppedError(
+                axis.servo.name,
+                f"its bus watchdog stopped it {where}",
+                "nobody spoke to it in time: raise bus_watchdog_ms, or move again",
+            )
+        if not retry(partial(axis.servo.read, "Torque Enable")):
+            raise StoppedError(
+                axis.servo.name,
+                f"lost its torque {where}",
+                "check the servo's power supply, then move again",
+            )
 
     def relax(self) -> None:
         """Torque off, for each servo even where another fails. Raises ``DeviceError`` naming all failed."""

@@ -6,11 +6,13 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from localizer.fix import Fix
+from localizer.ground import ground_offset_m, map_metres
+from localizer.report import CHI2_95, Truth, ellipse
 from sim.command import find_command, run_command
 from sim.errors import SimulationError
 from sim.launcher import simulated_rig
@@ -26,6 +28,28 @@ WRONG_FIX = 5
 HONEST_EXITS = (0, 3, 4)  # of localizer locate: fix, ambiguous, none
 
 
+class Claim(NamedTuple):
+    """How well a position says that it is known, in metres of the ground."""
+
+    major_m: float
+    """One standard deviation along the ellipse's longer axis."""
+    minor_m: float
+    azimuth_deg: float
+    """Of the longer axis, from true north, 0 to 180."""
+    within_95_m: float
+    """Half the length of the ellipse that holds 95 %."""
+
+
+def claim_of(fix: Fix) -> Claim | None:
+    """Of a fix; None where there is no position."""
+    if fix.position is None or fix.covariance_m2 is None:
+        return None
+    axes = ellipse(fix.covariance_m2)
+    here = map_metres(fix.position.crs, fix.position.easting_m, fix.position.northing_m)
+    azimuth_deg = (axes.grid_azimuth_deg + here.convergence_deg) % 180.0
+    return Claim(axes.major_m, axes.minor_m, azimuth_deg, float(np.sqrt(CHI2_95)) * axes.major_m)
+
+
 @dataclass(frozen=True)
 class Outcome:
     """What the demo came to. ``error_m`` is None where there is no position."""
@@ -33,6 +57,11 @@ class Outcome:
     fix: Fix
     error_m: float | None
     error_sigmas: float | None
+
+    @property
+    def claimed(self) -> Claim | None:
+        """How well the position says that it is known."""
+        return claim_of(self.fix)
 
     @property
     def wrong(self) -> bool:
@@ -100,12 +129,12 @@ def _locate(
 
 
 def judge(fix: Fix, truth: dict[str, Any]) -> Outcome:
-    """Compare a fix with the truth; both are in the metric CRS of the same DEM."""
+    """Compare a fix with the truth, in metres of the ground."""
     if fix.position is None or fix.covariance_m2 is None:
         return Outcome(fix, None, None)
-    off_m = np.array(
-        [fix.position.easting_m - truth["easting_m"], fix.position.northing_m - truth["northing_m"]]
-    )
+    here = fix.position.easting_m, fix.position.northing_m
+    there = Truth.model_validate(truth).within(fix.position.crs)
+    off_m = ground_offset_m(fix.position.crs, here, there)
     sigmas = float(np.sqrt(off_m @ np.linalg.solve(np.array(fix.covariance_m2), off_m)))
     return Outcome(fix, float(np.hypot(*off_m)), sigmas)
 
@@ -120,6 +149,12 @@ def summary(outcome: Outcome, truth: dict[str, Any]) -> str:
     lines.append(
         f"truth       {truth['lat_deg']:.6f}, {truth['lon_deg']:.6f}, ground {truth['ground_m']:.1f} m"
     )
+    if outcome.claimed is not None:
+        claimed = outcome.claimed
+        lines.append(
+            f"claimed     1 sigma {claimed.major_m:.1f} m x {claimed.minor_m:.1f} m, the longer towards "
+            f"{claimed.azimuth_deg:.0f}° true; 95 % within {claimed.within_95_m:.1f} m"
+        )
     if outcome.error_m is not None:
         verdict = (
             "WRONG: outside what the fix claims" if outcome.wrong else f"{outcome.error_sigmas:.1f} sigma"
@@ -139,6 +174,7 @@ def _fields(outcome: Outcome, truth: dict[str, Any], bundle: Path, picture: Path
         "bundle": str(bundle),
         "fix": json.loads(outcome.fix.to_json()),
         "truth": truth,
+        "claimed": None if outcome.claimed is None else outcome.claimed._asdict(),
         "error_m": outcome.error_m,
         "error_sigmas": outcome.error_sigmas,
         "wrong": outcome.wrong,

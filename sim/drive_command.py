@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 from pyproj import Geod
 
-from localizer.command_line import FiniteRange
+from localizer.command_line import FiniteRange, NumbersCommand
 from sim.errors import SimulationError
 from sim.failures import one_line_failures
 from sim.steering import SOCKET_NAME, steer
@@ -16,9 +16,9 @@ from sim.steering import SOCKET_NAME, steer
 _WGS84 = Geod(ellps="WGS84")
 
 
-@click.command()
+@click.command(cls=NumbersCommand)
 @click.argument("lat_deg", type=FiniteRange(-90.0, 90.0))
-@click.argument("lon_deg", type=FiniteRange(-180.0, 180.0))
+@click.argument("lon_deg", type=FiniteRange(-360.0, 360.0))
 @click.option(
     "--heading",
     "heading_deg",
@@ -36,7 +36,7 @@ def drive(lat_deg: float, lon_deg: float, heading_deg: float | None, seconds: fl
     To be run beside the rig, by a command of sim run. It shakes on the way, and its odometer says speed and course to
     [run.odometry] listen. Prints the truth's latitude, longitude and altitude there.
 
-    Example: sim run --seed 3 -- sh -c 'rig run & sleep 60; sim drive -- 37.31 -122.21; sleep 60'
+    Example: sim run --seed 3 -- sh -c 'rig run & sleep 60; sim drive 37.31 -122.21; sleep 60'
     """
     config = os.environ.get("SKYFIX_CONFIG")
     if not config:

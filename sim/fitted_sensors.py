@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.devices.adxl355 import Adxl355
+from sim.devices.adxl355 import Adxl355, Adxl357
 from sim.devices.bmp3 import Bmp3
 from sim.devices.i2c_chip import PoweredChip
-from sim.devices.iis2iclx import Iis2iclx
+from sim.devices.iis2iclx import Iis2iclx, Ism330dhcx
 from sim.devices.mmc5983ma import Mmc5983ma
-from sim.devices.ms5611 import Ms5611
+from sim.devices.ms5611 import Ms5607, Ms5611
+from sim.devices.talker_quirks import BAROMETER_QUIRKS, COMPASS_QUIRKS
 from sim.devices.talkers import BAROMETERS, COMPASSES, Air, Heading, Talker
 from sim.mechanics import JointState
 from sim.world import World
@@ -29,6 +30,12 @@ SELF_HEATING_C = 2.0
 QUIETEST_UG_RTHZ, QUIETEST_UT, QUIETEST_PA = 5.0, 0.02, 0.5
 """No chip is free of noise, not even in an ideal world: one that repeats itself has stopped converting."""
 
+ACCELEROMETERS: dict[str, type[Adxl355] | type[Iis2iclx]] = {
+    "adxl355": Adxl355,
+    "adxl357": Adxl357,
+    "iis2iclx": Iis2iclx,
+    "ism330dhcx": Ism330dhcx,
+}
 MOUNTING = {"adxl355": ("+y", "-x", "+z"), "iis2iclx": ("-x", "-y", "+z"), "mmc5983ma": ("-y", "+x", "+z")}
 """How each chip is soldered: its axis that points right, forward and up."""
 
@@ -71,7 +78,7 @@ def inclinometer(world: World, head: HeadNow, clock: Clock) -> FittedChip:
             seen_g = seen_g + shaking.normal(0.0, world.vehicle.shaken_mg / 1000.0, 3)
         return to_chip @ seen_g
 
-    chip = (Adxl355 if wanted.chip == "adxl355" else Iis2iclx)(
+    chip = ACCELEROMETERS[wanted.soldered or wanted.chip](
         acceleration_g,
         lambda: world.air_temperature_c + SELF_HEATING_C,
         clock=clock,
@@ -115,7 +122,7 @@ def compass(world: World, head: HeadNow, clock: Clock) -> FittedChip | FittedTal
 
 def _compass_talker(world: World, head: HeadNow, rng: np.random.Generator) -> FittedTalker:
     wanted = world.scenario.compass
-    say = COMPASSES[wanted.kind]
+    say = COMPASS_QUIRKS[wanted.quirk] if wanted.quirk else COMPASSES[wanted.kind]
 
     def message() -> bytes:
         state = head()
@@ -135,8 +142,10 @@ def _compass_talker(world: World, head: HeadNow, rng: np.random.Generator) -> Fi
     return FittedTalker(talker, {"kind": "nmea", "baud": TALKER_BAUD})
 
 
-def altimeter(world: World, clock: Clock) -> FittedChip | FittedTalker:
-    """The barometer: a chip, or a talker."""
+def altimeter(
+    world: World, clock: Clock, compass: FittedChip | FittedTalker | None = None
+) -> FittedChip | FittedTalker:
+    """The barometer: a chip, or a talker, on the port of the ``compass`` where the scenario has one stream for both."""
     wanted, rng = world.scenario.altimeter, world.rng("altimeter noise")
 
     def pressure_hpa() -> float:
@@ -149,18 +158,23 @@ def altimeter(world: World, clock: Clock) -> FittedChip | FittedTalker:
         return world.air_temperature_c + SELF_HEATING_C
 
     if wanted.kind in BAROMETERS:
-        say = BAROMETERS[wanted.kind]
+        say = BAROMETER_QUIRKS[wanted.quirk] if wanted.quirk else BAROMETERS[wanted.kind]
         talker = Talker(
             lambda: say(Air(pressure_hpa() + rng.normal(0.0, wanted.noise_hpa), world.air_temperature_c)),
             rate_hz=BAROMETER_RATE_HZ,
             baud=TALKER_BAUD,
+            port=compass.talker.port
+            if wanted.on_compass_port and isinstance(compass, FittedTalker)
+            else None,
         )
         kind = wanted.kind if wanted.kind == "vaisala-pa50" else "nmea"
         return FittedTalker(talker, {"kind": kind, "baud": TALKER_BAUD})
     noise_pa = max(100.0 * wanted.noise_hpa, QUIETEST_PA)
     chip: PoweredChip
-    if wanted.kind == "ms5611":
-        chip = Ms5611(pressure_pa, chip_temperature_c, clock=clock, rng=rng, noise_pa=noise_pa)
+    if wanted.kind in ("ms5611", "ms5607"):
+        chip = (Ms5611 if (wanted.soldered or wanted.kind) == "ms5611" else Ms5607)(
+            pressure_pa, chip_temperature_c, clock=clock, rng=rng, noise_pa=noise_pa
+        )
     else:
         chip = Bmp3(wanted.kind, pressure_pa, chip_temperature_c, clock=clock, rng=rng, noise_pa=noise_pa)
     return FittedChip(chip, BUS_IN_THE_BASE, {"kind": wanted.kind, "address": chip.address})

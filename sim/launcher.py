@@ -173,14 +173,13 @@ def simulated_rig(
         servo_bus.serve(servo_port)
 
         inclinometer = fitted_sensors.inclinometer(world, head, clock)
-        others = {
-            "compass": fitted_sensors.compass(world, head, clock),
-            "altimeter": fitted_sensors.altimeter(world, clock),
-        }
+        compass = fitted_sensors.compass(world, head, clock)
+        others = {"compass": compass, "altimeter": fitted_sensors.altimeter(world, clock, compass)}
         talkers = {name: fitted.talker for name, fitted in others.items() if isinstance(fitted, FittedTalker)}
         for name, talker in talkers.items():
             running.callback(talker.close)
-            talker.port.keep_name(by_id / f"usb-{name}-if00-port0")
+            if talker.has_own_port:
+                talker.port.keep_name(by_id / f"usb-{name}-if00-port0")
         chips = {
             name: (fitted.bus, FaultyChip(fitted.chip, world.rng(f"{name} faults")))
             for name, fitted in {"inclinometer": inclinometer, **others}.items()
@@ -273,7 +272,8 @@ def _joint_keys(world: World, joint: Joint) -> dict[str, Any]:
 
 def _servo(world: World, joint: Joint, clock: Callable[[], float]) -> Servo:
     fitted, model = world.scenario.servo, MODELS[_model_name(world, joint)]
-    return Servo(
+    left = fitted.pan_left if joint is PAN else fitted.tilt_left
+    servo = Servo(
         replace(model, speed_deg_s=min(fitted.max_velocity_deg_s, model.speed_deg_s)),
         joint.servo_id,
         clock=clock,
@@ -287,8 +287,12 @@ def _servo(world: World, joint: Joint, clock: Callable[[], float]) -> Servo:
         ),
         supply_v=fitted.supply_voltage_v,
         temperature_c=world.air_temperature_c + 12.0,
-        eeprom={"baud_rate": BAUD_RATES.index(BAUD), "return_delay_time": RETURN_DELAY_2US},
+        eeprom={"baud_rate": BAUD_RATES.index(BAUD), "return_delay_time": RETURN_DELAY_2US, **left},
     )
+    turned_deg = fitted.pan_turned_deg if joint is PAN else fitted.tilt_turned_deg
+    if turned_deg:
+        servo.turn_by_hand(turned_deg * joint.direction)
+    return servo
 
 
 def _camera(world: World, head: Callable[[], JointState], picture: Picture) -> CameraStream:

@@ -77,6 +77,9 @@ class Row:
     error_sigma5: float | None
     grid_only_error_noise_free: float | None
     grid_only_error_sigma5: float | None
+    claimed_noise_free: float | None = None
+    """One standard deviation that the answer claims, grid points, along the longer axis of its ellipse."""
+    claimed_sigma5: float | None = None
 
 
 def paper_places(rows: int, cols: int, embedded: bool) -> list[tuple[float, float]]:
@@ -122,6 +125,8 @@ def repeat_table_i(
             error_sigma5=_error(disturbed, place),
             grid_only_error_noise_free=_grid_only_error(searched, clean, exact, place),
             grid_only_error_sigma5=_grid_only_error(searched, noisy, disturbed, place),
+            claimed_noise_free=_claimed(searched, exact),
+            claimed_sigma5=_claimed(searched, disturbed),
         )
         result.append(row)
         report(number, row)
@@ -186,6 +191,13 @@ def _contours(
 def _error(located: Located, place: tuple[float, float]) -> float | None:
     best = located.best
     return None if best is None else float(np.hypot(best.row - place[0], best.col - place[1]))
+
+
+def _claimed(terrain: SearchedTerrain, located: Located) -> float | None:
+    best = located.best
+    if best is None:
+        return None
+    return float(np.sqrt(np.linalg.eigvalsh(best.covariance_enu_m2)[-1])) / terrain.cell_m
 
 
 def _grid_only_error(

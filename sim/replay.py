@@ -1,17 +1,16 @@
 """Plays a log of ``rig record`` back: recorded devices on pseudo-terminals and an I2C bridge, a camera that shows grey.
 
-A device that was asked answers each request as it did then, in the order of then, and its last answer for ever; one that
-talks unasked says the same bytes after the same pauses, over and over. The format of the log is described in
-docs/recording.md.
+A device that was asked answers each request as it did when it was asked the same in the same situation (``sim.recorded``); one
+that talks unasked says the same bytes after the same pauses, over and over. What the log cannot answer is told. The format
+of the log is described in docs/recording.md.
 """
 
 import json
-import os
 import tempfile
-import threading
-from collections import defaultdict, deque
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -21,81 +20,49 @@ from sim.devices.camera_stream import CameraStream
 from sim.devices.i2c_bridge import I2cBridge
 from sim.devices.pty_port import PtyPort
 from sim.errors import SimulationError
+from sim.log_checks import check_config, check_exchange
+from sim.replay_devices import Exchange, ReplayedChip, ReplayedServos, ReplayedTalker, Say, with_epochs
 
 LOG_VERSION = 1
-NO_ACKNOWLEDGE = 121
-LISTENER_S = 0.3
-"""From the listener's opening of the port to the first byte: it throws away what was there before."""
-
 GREY = 128
-
-Exchange = Mapping[str, Any]
-
-
-class Answers:
-    """What was answered to each request, in order; the last answer stays."""
-
-    def __init__(self) -> None:
-        self._answers: dict[Any, deque[Any]] = defaultdict(deque)
-
-    def add(self, request: object, answer: object) -> None:
-        """One more answer to ``request``."""
-        self._answers[request].append(answer)
-
-    def next(self, request: object, otherwise: Any) -> Any:
-        """The answer to ``request``; ``otherwise`` where it was never made."""
-        answers = self._answers.get(request)
-        if not answers:
-            return otherwise
-        return answers.popleft() if len(answers) > 1 else answers[0]
+NOTES_SHOWN = 3
 
 
-class ReplayedChip:
-    """A chip that reads as it did. Implements ``sim.devices.i2c_chip.I2cChip``."""
+class Notes:
+    """What the log could not answer, each told once, and which devices were asked more than it holds."""
 
-    def __init__(self, address: int) -> None:
-        self.address = address
-        self._answers = Answers()
+    def __init__(self, exchanges: Sequence[Exchange]) -> None:
+        self._told: dict[str, None] = {}
+        self._asked: list[tuple[str, float, ReplayedChip | ReplayedServos]] = []
+        self._ends_s = max(float(exchange["t"]) for exchange in exchanges)
 
-    def add(self, exchange: Exchange) -> None:
-        """One more recorded transfer."""
-        self._answers.add((exchange["write"], exchange["length"]), exchange)
+    def about(self, device: str) -> Say:
+        """Where a device tells what it was asked in vain."""
+        return lambda what: self._told.setdefault(f"the log {what} ({device})")
 
-    def transfer(self, write: bytes, read_length: int) -> bytes:
-        """See ``I2cChip``. No acknowledge for what was never recorded."""
-        exchange = self._answers.next((write.hex(), read_length), {"errno": NO_ACKNOWLEDGE})
-        if "errno" in exchange:
-            raise OSError(exchange["errno"], os.strerror(exchange["errno"]))
-        return bytes.fromhex(exchange["read"])
+    def watch(
+        self, name: str, here: Sequence[tuple[Exchange, int]], device: ReplayedChip | ReplayedServos
+    ) -> None:
+        """Look at the end whether ``device`` was asked more than the exchanges that are ``here``."""
+        self._asked.append((name, float(here[-1][0]["t"]), device))
 
-
-class ReplayedTalker:
-    """Says what was received, with the same pauses, from the moment that somebody opens the port at ``baud``."""
-
-    def __init__(self, port: PtyPort, said: Sequence[tuple[float, bytes]], baud: int) -> None:
-        self._port, self._said, self._baud = port, said, baud
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._talk, name=f"replay {port.path}")
-        self._thread.start()
-
-    def close(self) -> None:
-        """Fall silent."""
-        self._stop.set()
-        self._thread.join()
-
-    def _talk(self) -> None:
-        while self._port.baud != self._baud:
-            if self._stop.wait(0.02):
-                return
-        pause_s = LISTENER_S
-        while True:
-            before_s = self._said[0][0]
-            for at_s, data in self._said:
-                if self._stop.wait(pause_s + at_s - before_s):
-                    return
-                self._port.send(data)
-                pause_s, before_s = 0.0, at_s
-            pause_s = LISTENER_S
+    def lines(self, failed: bool) -> list[str]:
+        """What the log does not hold, and, of a command that failed, where it ends."""
+        told = list(self._told)
+        if failed:
+            told += [
+                f"the log of {name} ends after {at_s:.1f} s: what was asked beyond it got the answers of before"
+                for name, at_s, device in self._asked
+                if device.ran_out
+            ]
+        if not told:
+            return []
+        more = [f"and {len(told) - NOTES_SHOWN} more"] if len(told) > NOTES_SHOWN else []
+        end = (
+            f"the log ends after {self._ends_s:.1f} s; replay the command that was recorded, "
+            "or record the one that is to be replayed"
+        )
+        return [*told[:NOTES_SHOWN], *more, end]
 
 
 def load_log(path: Path) -> tuple[dict[str, Any], list[Exchange]]:
@@ -104,30 +71,58 @@ def load_log(path: Path) -> tuple[dict[str, Any], list[Exchange]]:
     Raises:
         SimulationError: it cannot be read, or is no such log.
     """
-    try:
-        lines = path.read_text(encoding="ascii").splitlines()
-        header = json.loads(lines[0]) if lines else {}
-        if header.get("skyfix_log") != LOG_VERSION:
-            raise SimulationError(f"log {path}: is no log of rig record, version {LOG_VERSION}")
-        exchanges = [json.loads(line) for line in lines[1:-1]]
-        if lines[1:]:
-            exchanges += _unless_cut(lines[-1])
-    except OSError as error:
-        raise SimulationError(f"log {path}: {error.strerror or error}; name a readable file") from error
-    except (ValueError, AttributeError) as error:
-        raise SimulationError(f"log {path}: is no log of rig record: {error}") from error
+    from sim.documents import log_lines, values_of  # of the commands; what plays the devices does without
+
+    lines = log_lines(path)
+    no_log = f"log {path}: is no log of rig record"
+
+    def parsed(number: int) -> Any:
+        try:
+            return values_of(lines[number - 1])
+        except SimulationError as error:
+            raise SimulationError(f"{no_log}: line {number}: {error}") from error
+
+    header = parsed(1) if lines else {}
+    if not isinstance(header, dict) or "skyfix_log" not in header:
+        raise SimulationError(f"{no_log}: it {_instead(lines)}; name the file that rig record wrote")
+    if header["skyfix_log"] != LOG_VERSION:
+        raise SimulationError(
+            f"{no_log}, version {LOG_VERSION}: it says {header['skyfix_log']!r}; replay it with the skyfix that wrote it"
+        )
+    exchanges = [(number, parsed(number)) for number in range(2, len(lines))]
+    if len(lines) > 1:
+        with suppress(SimulationError):  # the last one may be cut off
+            exchanges.append((len(lines), parsed(len(lines))))
+    for number, exchange in exchanges:
+        try:
+            check_exchange(exchange)
+        except ValueError as error:
+            raise SimulationError(f"{no_log}: line {number} is no exchange: {error}") from error
     if not exchanges:
         raise SimulationError(
             f"log {path}: holds nothing that a device was asked or said; record a command that got as far as the devices"
         )
-    return header["config"], exchanges
-
-
-def _unless_cut(line: str) -> list[Exchange]:
     try:
-        return [json.loads(line)]
-    except ValueError:
-        return []
+        check_config(header.get("config"))
+    except ValueError as error:
+        raise SimulationError(f"{no_log}: {error}") from error
+    return header["config"], [exchange for _, exchange in exchanges]
+
+
+def _instead(lines: Sequence[bytes]) -> str:
+    if not lines:
+        return "is empty"
+    return f"begins with {lines[0][:40].decode(errors='replace')!r}"
+
+
+@dataclass(frozen=True)
+class Replay:
+    """Devices that are being played back."""
+
+    config_path: Path
+    environment: Mapping[str, str]
+    """For the command: its configuration, and the clock of then."""
+    notes: Notes
 
 
 @contextmanager
@@ -137,54 +132,110 @@ def replayed(path: Path) -> Iterator[Path]:
     Raises:
         SimulationError: as ``load_log``.
     """
+    with replaying(path) as replay:
+        yield replay.config_path
+
+
+@contextmanager
+def replaying(path: Path) -> Iterator[Replay]:
+    """The same, with all that a command needs to know of it.
+
+    Raises:
+        SimulationError: as ``load_log``.
+    """
     config, exchanges = load_log(path)
+    notes = Notes(exchanges)
     with ExitStack() as running:
         folder = Path(running.enter_context(tempfile.TemporaryDirectory(prefix="skyfix-replay-")))
+        sections = [section for section in config.values() if isinstance(section, dict)]
+        bauds = {section.get("port"): section.get("baud") for section in sections}
+        by_port: dict[str, list[tuple[Exchange, int]]] = {port: [] for port in bauds if port}
+        by_bus: dict[str, list[tuple[Exchange, int]]] = {s["bus"]: [] for s in sections if "bus" in s}
+        for exchange, epoch in with_epochs(exchanges):
+            group, name = (by_port, "port") if "port" in exchange else (by_bus, "bus")
+            group.setdefault(exchange[name], []).append((exchange, epoch))
+
         names: dict[str, str] = {}
-        bauds = {section.get("port"): section.get("baud") for section in config.values()}
-        for number, port_name in enumerate(sorted({e["port"] for e in exchanges if "port" in e})):
+        asked = [port for port, here in by_port.items() if any("sent" in e for e, _ in here)]
+        head: ReplayedServos | None = None
+
+        def epoch_now() -> int:
+            return head.epoch() if head else 0
+
+        # What answers comes first: what talks has to know where the head is.
+        for number, name in enumerate(sorted(by_port, key=lambda port: (port not in asked, port))):
             port = PtyPort()
             running.callback(port.close)
             port.keep_name(folder / f"port-{number}")
-            names[port_name] = port.path
-            here = [e for e in exchanges if e.get("port") == port_name]
-            if any("sent" in e for e in here):
-                port.answer(_answering(here))
+            names[name] = port.path
+            say = notes.about(name)
+            if name in asked:
+                servos = ReplayedServos(by_port[name], say, _models(config))
+                notes.watch(name, by_port[name], servos)
+                head = head or servos
+                port.answer(servos.answer)
             else:
-                said = [(float(e["t"]), bytes.fromhex(e["received"])) for e in here]
-                running.callback(ReplayedTalker(port, said, int(bauds.get(port_name) or 4800)).close)
-        buses = sorted({e["bus"] for e in exchanges if "bus" in e})
-        bridge = I2cBridge(
-            {n: _chips([e for e in exchanges if e.get("bus") == bus]) for n, bus in enumerate(buses)}
-        )
+                baud = int(bauds.get(name) or 4800)
+                running.callback(ReplayedTalker(port, by_port[name], baud, epoch_now, say).close)
+        bridge = _bridge(by_bus, epoch_now, notes)
         running.callback(bridge.close)
-        names |= {bus: bridge.url(number) for number, bus in enumerate(buses)}
+        names |= {bus: bridge.url(number) for number, bus in enumerate(by_bus)}
         camera = _grey_camera(config["camera"])
         running.callback(camera.close)
         config["camera"]["source"] = camera.url
+        if "exposure_url" in config["camera"]:
+            config["camera"]["exposure_url"] = camera.exposure_url
         config_path = folder / "rig.toml"
         config_path.write_text(toml(renamed(config, names)), encoding="utf-8")
-        yield config_path
+        yield Replay(config_path, {"SKYFIX_CONFIG": str(config_path), **_clock_of_then(path, folder)}, notes)
 
 
-def _answering(exchanges: Sequence[Exchange]) -> Any:
-    """From requests to recorded answers: what was received until the next request."""
-    answers, request, answer = Answers(), "", b""
-    for exchange in [*exchanges, {"sent": ""}]:
-        if "sent" in exchange:
-            if request:
-                answers.add(request, answer)
-            request, answer = exchange["sent"], b""
-        else:
-            answer += bytes.fromhex(exchange["received"])
-    return lambda data: answers.next(data.hex(), b"")
+def _models(config: Mapping[str, Any]) -> dict[int, str]:
+    """The servos' models by id, as far as the log's configuration names them."""
+    head = config.get("pan_tilt")
+    servos = [head.get(axis) for axis in ("pan", "tilt")] if isinstance(head, dict) else []
+    return {
+        each["id"]: str(each.get("model"))
+        for each in servos
+        if isinstance(each, dict) and isinstance(each.get("id"), int)
+    }
 
 
-def _chips(exchanges: Sequence[Exchange]) -> list[ReplayedChip]:
-    chips: dict[int, ReplayedChip] = {}
-    for exchange in exchanges:
-        chips.setdefault(exchange["address"], ReplayedChip(exchange["address"])).add(exchange)
-    return list(chips.values())
+def _bridge(
+    by_bus: Mapping[str, Sequence[tuple[Exchange, int]]], epoch: Callable[[], int], notes: Notes
+) -> I2cBridge:
+    buses = list(by_bus)
+    chips: dict[int, list[ReplayedChip]] = {}
+    for number, bus in enumerate(buses):
+        chips[number] = []
+        for address in sorted({e["address"] for e, _ in by_bus[bus]}):
+            name = f"0x{address:02X} on {bus}"
+            here = [(e, at) for e, at in by_bus[bus] if e["address"] == address]
+            chips[number].append(ReplayedChip(address, here, epoch, notes.about(name)))
+            notes.watch(name, here, chips[number][-1])
+    known = {(number, chip.address) for number, here in chips.items() for chip in here}
+
+    def fault(bus: int, address: int) -> int:
+        if (bus, address) not in known and bus < len(buses):
+            notes.about(f"0x{address:02X} on {buses[bus]}")("holds nothing of this chip")
+        return 0
+
+    return I2cBridge(chips, fault=fault)
+
+
+def _clock_of_then(path: Path, folder: Path) -> dict[str, str]:
+    """Declination and drift depend on the date: the command is to have the one of then."""
+    from sim.documents import values_of
+
+    try:
+        with path.open("rb") as file:
+            then = datetime.fromisoformat(values_of(file.readline())["utc"])
+    except (KeyError, TypeError, ValueError):
+        return {}
+    offset_s = (then - datetime.now(UTC)).total_seconds()
+    file_path = folder / "clock-offset"
+    file_path.write_text(f"{offset_s:.3f}", encoding="ascii")
+    return {"SKYFIX_CLOCK_OFFSET": str(file_path)}
 
 
 def _grey_camera(camera: Mapping[str, Any]) -> CameraStream:

@@ -16,12 +16,16 @@ def replay(log: Path, command: tuple[str, ...]) -> int:
     """Run COMMAND with the devices that rig record logged: each says again what it said then.
 
     COMMAND finds the configuration of then, pointed at the played-back devices, in SKYFIX_CONFIG. The camera, which no log
-    holds, is grey. The exit status is COMMAND's.
+    holds, is grey, and the clock is that of then. What COMMAND asks and the log cannot answer is told at the end. The exit
+    status is COMMAND's.
 
     Example: sim replay field.log -- rig check
     """
-    from sim.replay import replayed
+    from sim.replay import replaying
 
     find_command(command[0])
-    with replayed(log) as config_path:
-        return run_command(command, {"SKYFIX_CONFIG": str(config_path)})
+    with replaying(log) as played:
+        status = run_command(command, played.environment)
+        for line in played.notes.lines(failed=status != 0):
+            click.echo(f"sim: {line}", err=True)
+    return status

@@ -8,7 +8,6 @@ import csv
 import json
 import shutil
 import tempfile
-import tomllib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass, fields
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 
 from sim.board import BoardPictures
 from sim.bundle_error import BundleError, CameraLog, bundle_error
+from sim.documents import toml_file
 from sim.errors import SimulationError
 from sim.launcher import SimulatedRig, simulated_rig
 from sim.mechanics import Rotation
@@ -232,7 +232,7 @@ def _calibrate(
         sight.board_is_up = kind == "camera"
         command = ["rig", "calibrate", kind, *options, "--out", str(folder / "calibration")]
         _require(operate(command, rig.environment, act, lambda line: None))
-    named = tomllib.loads(rig.config_path.read_text(encoding="utf-8"))["calibration"]
+    named = toml_file("configuration", rig.config_path)["calibration"]
     return {kind: (rig.config_path.parent / file).resolve() for kind, file in named.items()}
 
 

@@ -3,17 +3,28 @@
 Sigmas are what a draw is made from; the values drawn for one seed are in ``World.biases``.
 """
 
-import tomllib
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from sim.devices.x_series import MODELS
 from sim.errors import SimulationError
 
 InclinometerChip = Literal["adxl355", "iis2iclx"]
-CompassKind = Literal["mmc5983ma", "hdg", "hdm", "hdt", "ths", "ptnthpr", "ohpr"]
-AltimeterKind = Literal["bmp390", "bmp388", "ms5611", "xdr", "mda", "vaisala-pa50"]
+SolderedInclinometer = Literal["adxl355", "adxl357", "iis2iclx", "ism330dhcx"]
+SolderedAltimeter = Literal["ms5611", "ms5607"]
+CompassKind = Literal["mmc5983ma", "hdg", "hdm", "hdt", "ths", "ptnthpr", "ohpr", "os5000"]
+AltimeterKind = Literal["bmp390", "bmp388", "ms5611", "ms5607", "xdr", "mda", "vaisala-pa50"]
+CompassQuirk = Literal[
+    "variation-zero", "variation-as-deviation", "variation-twice", "magnetic-as-true", "true-marked-magnetic", "no-value",
+    "manual", "no-checksum", "carriage-return", "zero-byte", "tagged", "whole-degrees", "two-compasses", "hdg-and-hdm",
+]  # fmt: skip
+BarometerQuirk = Literal[
+    "two-decimals", "engine-first", "two-pressures", "empty-group", "hpa-labelled-bar", "two-barometers", "inches-finer",
+    "kelvin",
+]  # fmt: skip
+"""Of talkers: what other people's were seen to send in place of their kind's sentence."""
 ServoModel = Literal["XM430-W350", "XL430-W250"]
 Sky = Literal["clear", "scattered", "broken", "overcast", "drawn"]
 
@@ -21,7 +32,7 @@ NonNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Latitude = Annotated[float, Field(ge=-89.0, le=89.0)]
-Longitude = Annotated[float, Field(ge=-180.0, le=180.0)]
+Longitude = Annotated[float, Field(ge=-360.0, le=360.0)]
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -81,12 +92,38 @@ class Servo(Section):
     swing_deg: NonNegative = 0.1  # the head swings on after a stop from 60 deg/s, and comes to rest
     max_velocity_deg_s: Positive = 240.0  # what the motor reaches whatever its profile asks for
     supply_voltage_v: Positive = 12.0
+    pan_turned_deg: Finite = 0.0  # by hand since the power came on, from where the head is parked
+    tilt_turned_deg: Finite = 0.0
+    pan_left: dict[str, int] = Field(
+        default_factory=dict
+    )  # registers as another program left them: homing_offset = 500
+    tilt_left: dict[str, int] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _registers_are_known(self) -> "Servo":
+        for key, model, left in (
+            ("pan_left", self.pan_model, self.pan_left),
+            ("tilt_left", self.tilt_model, self.tilt_left),
+        ):
+            known = {field.name: field for field in MODELS[model].fields if field.low is not None}
+            for name, value in left.items():
+                field = known.get(name)
+                if field is None:
+                    raise ValueError(f"{key}: an {model} has no register {name!r} to write")
+                assert field.low is not None
+                assert field.high is not None
+                if not field.low <= value <= field.high:
+                    raise ValueError(f"{key}: {name} is {field.low} to {field.high}, not {value}")
+        return self
 
 
 class Inclinometer(Section):
     """Accelerometer in the head."""
 
     chip: InclinometerChip = "adxl355"
+    soldered: SolderedInclinometer | None = (
+        None  # what really is fitted, where that is not what is written on it
+    )
     noise_density_ug_rthz: NonNegative = 22.5
     zero_offset_sigma_mg: NonNegative = 0.2  # per axis, what is left after zeroing
     temperature_drift_sigma_mg_c: NonNegative = 0.02  # per axis and degree away from 20 C, where zeroed
@@ -98,6 +135,7 @@ class Compass(Section):
     """Magnetometer on the pan stage, or a talker there."""
 
     kind: CompassKind = "mmc5983ma"
+    quirk: CompassQuirk | None = None  # of a talker
     noise_ut: NonNegative = 0.04  # per axis and sample
     hard_iron_sigma_ut: NonNegative = 5.0  # per axis, fixed to the pan stage
     hard_iron_calibration_sigma_ut: NonNegative = 0.2  # per axis, error of the crew's calibration of it
@@ -111,17 +149,32 @@ class Compass(Section):
     bridge_offset_sigma_ut: NonNegative = 15.0  # of the chip, per axis; SET and RESET uncover it
     talker_noise_deg: NonNegative = 0.2  # per sentence, for kinds that send headings
 
+    @model_validator(mode="after")
+    def _only_talkers_have_quirks(self) -> "Compass":
+        if self.quirk and self.kind == "mmc5983ma":
+            raise ValueError(f"quirk {self.quirk} is of a talker; give another kind than {self.kind}")
+        return self
+
 
 class Altimeter(Section):
     """Barometer, and the reference pressure that the crew wrote down before they left."""
 
     kind: AltimeterKind = "bmp390"
+    quirk: BarometerQuirk | None = None  # of a talker
+    on_compass_port: bool = False  # one serial stream carries both talkers
+    soldered: SolderedAltimeter | None = None  # what really is fitted instead of an ms5611 or ms5607
     noise_hpa: NonNegative = 0.01  # per reading
     bias_sigma_hpa: NonNegative = 0.25
     reference_sigma_hpa: NonNegative = 0.1  # error of the pressure written down
     reference_temperature_sigma_c: NonNegative = 1.0
     reference_age_h: NonNegative = 1.0
     weather_drift_sigma_hpa_h: NonNegative = 0.4  # of the weather since then
+
+    @model_validator(mode="after")
+    def _only_talkers_have_quirks(self) -> "Altimeter":
+        if (self.quirk or self.on_compass_port) and self.kind not in ("xdr", "mda", "vaisala-pa50"):
+            raise ValueError(f"quirk and on_compass_port are of a talker; give another kind than {self.kind}")
+        return self
 
 
 class Weather(Section):
@@ -199,15 +252,9 @@ def read_toml(path: Path, model: type[Model], example: str) -> Model:
     Raises:
         SimulationError: the file cannot be read, is no TOML, or has a key or value that the model does not have.
     """
-    try:
-        with path.open("rb") as file:
-            content = tomllib.load(file)
-    except OSError as error:
-        raise SimulationError(
-            f"scenario {path}: {error.strerror or error}; name a readable TOML file"
-        ) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise SimulationError(f"scenario {path}: not valid TOML: {error}") from error
+    from sim.documents import toml_file  # of the commands; who makes a world with ``Scenario`` does without
+
+    content = toml_file("scenario", path)
     try:
         return model.model_validate(content)
     except ValidationError as error:

@@ -10,6 +10,7 @@ Each is answered with the truth at that moment, or with ``{"error": "..."}``.
 import json
 import socket
 import threading
+import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import partial
@@ -21,6 +22,8 @@ from sim.errors import SimulationError
 
 SOCKET_NAME = "steering.sock"
 """Beside the configuration that ``sim run`` writes."""
+ASKED_WITHIN_S = 2.0
+LONGEST_REQUEST = 4096
 DRAWING_S = 120.0
 """Going elsewhere draws the view from there."""
 
@@ -53,14 +56,27 @@ def _serve(rig: Steerable, listener: socket.socket, stop: threading.Event) -> No
         except TimeoutError:
             continue
         with client, suppress(OSError):  # whoever went away needs no answer
-            client.settimeout(2.0)
-            with client.makefile("rb") as lines:
-                client.sendall(json.dumps(_done(rig, lines.readline())).encode() + b"\n")
+            client.sendall(json.dumps(_done(rig, _line(client))).encode() + b"\n")
+
+
+def _line(client: socket.socket) -> bytes:
+    """What a client asks, up to the end of the line; it has ``ASKED_WITHIN_S`` for all of it."""
+    line, until_s = b"", time.monotonic() + ASKED_WITHIN_S
+    while b"\n" not in line and len(line) < LONGEST_REQUEST:
+        client.settimeout(max(0.001, until_s - time.monotonic()))
+        part = client.recv(LONGEST_REQUEST)
+        if not part:
+            break
+        line += part
+    client.settimeout(ASKED_WITHIN_S)
+    return line
 
 
 def _done(rig: Steerable, line: bytes) -> dict[str, Any]:
+    from sim.documents import values_of  # of the commands; the simulated rig does without
+
     try:
-        request = json.loads(line)
+        request = values_of(line)
         match request.pop("do", None):
             case "go":
                 rig.go(**request)
@@ -81,13 +97,15 @@ def steer(path: Path, request: Mapping[str, Any]) -> dict[str, Any]:
     Raises:
         SimulationError: there is none, or it cannot do that.
     """
+    from sim.documents import values_of
+
     try:
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as rig:
             rig.settimeout(DRAWING_S)
             rig.connect(str(path))
             rig.sendall(json.dumps(request).encode() + b"\n")
             with rig.makefile("rb") as lines:
-                answer: dict[str, Any] = json.loads(lines.readline() or b"{}")
+                answer: dict[str, Any] = values_of(lines.readline() or b"{}")
     except OSError as error:
         raise SimulationError(f"{path}: no simulated rig answers there: {error.strerror or error}") from error
     if not answer or "error" in answer:

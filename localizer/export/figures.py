@@ -15,6 +15,7 @@ from localizer.details import FrameDetail, LocateResult
 from localizer.export.places import Place, ellipse_ring_m
 from localizer.export.posterior import Posterior
 from localizer.geodesy import rowcol_to_metric
+from localizer.ground import ground_distance_m
 from localizer.plot import DOUBTFUL, PLACE, draw_frame, draw_map, few_ticks, outline_cells, stages
 from localizer.relief import dem_bounds_m, draw_relief
 from localizer.report import CHI2_95, Truth
@@ -38,15 +39,11 @@ def residuals_px(frame: FrameDetail) -> Floats:
     """By how many pixels the skyline found lies above the predicted one, (n,); NaN where none is predicted."""
     if len(frame.predicted_u_px) < 2:
         return np.full(len(frame.found_u_px), np.nan)
-    order = np.argsort(frame.predicted_u_px)
-    predicted_v_px = np.interp(
-        frame.found_u_px,
-        frame.predicted_u_px[order],
-        frame.predicted_v_px[order],
-        left=np.nan,
-        right=np.nan,
-    )
-    return np.asarray(predicted_v_px - frame.found_v_px)
+    column_px, row_px = frame.turned_px(frame.predicted_u_px, frame.predicted_v_px)
+    found_column_px, found_row_px = frame.turned_px(frame.found_u_px, frame.found_v_px)
+    order = np.argsort(column_px)
+    predicted_row_px = np.interp(found_column_px, column_px[order], row_px[order], left=np.nan, right=np.nan)
+    return np.asarray(predicted_row_px - found_row_px)
 
 
 def frame_picture(image: NDArray[np.uint8], frame: FrameDetail, rms_px: float | None) -> bytes:
@@ -61,21 +58,25 @@ def frame_picture(image: NDArray[np.uint8], frame: FrameDetail, rms_px: float | 
     axes = figure.add_axes((0.075, below / whole, 0.915, 0.915 * tall / whole))
     draw_frame(axes, image, frame, rms_px)
     if placed:
-        _draw_residuals(figure.add_axes((0.075, 0.42 / whole, 0.915, 1.05 / whole)), frame, width_px, rms_px)
+        below_picture = figure.add_axes((0.075, 0.42 / whole, 0.915, 1.05 / whole))
+        _draw_residuals(below_picture, frame, height_px, width_px, rms_px)
     return _webp(figure)
 
 
-def _draw_residuals(axes: Axes, frame: FrameDetail, width_px: int, rms_px: float | None) -> None:
+def _draw_residuals(
+    axes: Axes, frame: FrameDetail, height_px: int, width_px: int, rms_px: float | None
+) -> None:
+    column_px = frame.turned_px(frame.found_u_px, frame.found_v_px, height_px, width_px)[0]
     residual_px = residuals_px(frame)
     if rms_px is not None:
         axes.axhspan(-rms_px, rms_px, color="#e6eef5", lw=0.0)
     axes.axhline(0.0, color="#8a8f98", lw=0.8)
     for chosen, colour in ((~frame.used, DOUBTFUL), (frame.used, "#0086a8")):
-        axes.plot(frame.found_u_px[chosen], residual_px[chosen], ".", color=colour, ms=2.5)
+        axes.plot(column_px[chosen], residual_px[chosen], ".", color=colour, ms=2.5)
     known = np.abs(residual_px[frame.used & np.isfinite(residual_px)])
     # a few stray columns must not flatten all others
     reach_px = max(LEAST_RESIDUAL_RANGE_PX, 1.3 * float(np.percentile(known, 98)) if known.size else 0.0)
-    axes.set_xlim(-0.5, width_px - 0.5)
+    axes.set_xlim(-0.5, (height_px if frame.quarters % 2 else width_px) - 0.5)
     axes.set_ylim(-reach_px, reach_px)
     axes.set_xlabel("column, px", fontsize=9, labelpad=1)
     axes.set_ylabel("found above\npredicted, px", fontsize=8, labelpad=1)
@@ -161,13 +162,19 @@ def _draw_surroundings(
     truth: Truth | None,
 ) -> None:
     origin_m = (place.easting_m, place.northing_m)
+    unit_m = place.here.axis_scales  # the axes count metres of the ground
     true_m = truth.metric(dem) if truth is not None else None
     if true_m is not None:
-        off_m = float(np.hypot(true_m[0] - origin_m[0], true_m[1] - origin_m[1]))
+        off_m = ground_distance_m(dem.metric_crs, origin_m, true_m)
         # a true place far away would make the ellipse a dot
         half_m = max(half_m, 1.2 * off_m) if off_m < 8.0 * half_m else half_m
-    bounds_m = (origin_m[0] - half_m, origin_m[0] + half_m, origin_m[1] - half_m, origin_m[1] + half_m)
-    draw_relief(axes, dem, bounds_m, origin_m=origin_m, pixels=500)
+    bounds_m = (
+        origin_m[0] - half_m * unit_m[0],
+        origin_m[0] + half_m * unit_m[0],
+        origin_m[1] - half_m * unit_m[1],
+        origin_m[1] + half_m * unit_m[1],
+    )
+    draw_relief(axes, dem, bounds_m, origin_m=origin_m, unit_m=unit_m, pixels=500)
     rows, cols = posterior.probability.shape
     easting_m, northing_m = rowcol_to_metric(
         dem,
@@ -177,20 +184,20 @@ def _draw_surroundings(
     probability = np.clip(posterior.probability, 0.0, None)
     near = _near(posterior, place, probability)
     axes.pcolormesh(
-        easting_m - origin_m[0],
-        northing_m - origin_m[1],
+        (easting_m - origin_m[0]) / unit_m[0],
+        (northing_m - origin_m[1]) / unit_m[1],
         probability,
         cmap=PROBABILITY_COLOURS,
         vmin=0.0,
         vmax=near,
         shading="flat",
     )
-    outline_cells(axes, dem, bounds_m, origin_m)
+    outline_cells(axes, dem, bounds_m, origin_m, unit_m)
     for other in places:
         ring_e_m, ring_n_m = ellipse_ring_m(other)
         axes.fill(
-            ring_e_m - origin_m[0],
-            ring_n_m - origin_m[1],
+            (ring_e_m - origin_m[0]) / unit_m[0],
+            (ring_n_m - origin_m[1]) / unit_m[1],
             fc="none",
             ec="black",
             lw=1.6 if other is place else 0.9,
@@ -198,8 +205,8 @@ def _draw_surroundings(
     axes.plot(0.0, 0.0, "*", mfc=PLACE, mec="black", mew=0.9, ms=15.0)
     if true_m is not None:
         axes.plot(
-            true_m[0] - origin_m[0],
-            true_m[1] - origin_m[1],
+            (true_m[0] - origin_m[0]) / unit_m[0],
+            (true_m[1] - origin_m[1]) / unit_m[1],
             "o",
             mfc="none",
             mec="white",

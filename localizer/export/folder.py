@@ -1,7 +1,7 @@
 """All files of a report in one folder, each of them complete or absent."""
 
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from localizer.export.kml import fix_kml
 from localizer.export.page import page
 from localizer.export.places import Place, places
 from localizer.export.posterior import Posterior, posterior, posterior_tif
+from localizer.output_parts import OutputParts
 from localizer.report import Truth
 
 PAGE = "report.html"
@@ -53,26 +54,49 @@ def write_report(
     """Write the page and what belongs beside it into a folder that ``prepare_folder`` has seen.
 
     Where the result names no place there is only the page; files of an earlier report are removed, so that no old place
-    lies beside a new page. ``images``: each frame's picture, BGR, by label. Raises ``SkyfixError``.
+    lies beside a new page. A file that cannot be made costs none of the others: the page names it, and so does the
+    ``SkyfixError`` that is raised when all others are written. ``images``: each frame's picture, BGR, by label.
     """
-    found = places(result, dem)
-    spread = posterior(found, dem) if found else None
-    content = files_beside(found, spread, bundle, result, dem) if spread is not None else {}
+    parts = OutputParts()
+    found: tuple[Place, ...] = ()
+    spread: Posterior | None = None
+    with parts.part(f"--report: {folder}: the places"):
+        found = places(result, dem)
+    if found:
+        with parts.part(f"--report: {folder / 'posterior.tif'}"):
+            spread = posterior(found, dem)
+    content: dict[str, bytes] = {}
+    for name, contents in _exporters(found, spread, bundle, result, dem).items():
+        with parts.part(f"--report: {folder / name}"):
+            content[name] = contents()
     beside = [(name, what) for name, what in BESIDE_IT if name in content]
-    html = page(bundle, images, result, dem, found, spread, beside, truth)
-    _replace_all(folder, {**content, PAGE: html.encode()})
+    missing = [note.replace(f"{folder}/", "") for note in parts.notes]
+    with parts.part(f"--report: {folder / PAGE}"):
+        html = page(bundle, images, result, dem, found, spread, beside, truth, missing)
+        content[PAGE] = html.encode()
+    _replace_all(folder, content)
+    parts.end()
 
 
 def files_beside(
     found: Sequence[Place], spread: Posterior, bundle: Bundle, result: LocateResult, dem: Dem
 ) -> dict[str, bytes]:
     """The contents of all files but the page, by name."""
-    return {
-        "posterior.tif": posterior_tif(spread, dem),
-        "candidates.geojson": candidates_geojson(found, result.fix, bundle, dem).encode(),
-        "fix.gpx": fix_gpx(found, result.fix, bundle).encode(),
-        "fix.kml": fix_kml(found, result.fix, bundle).encode(),
-    }
+    return {name: contents() for name, contents in _exporters(found, spread, bundle, result, dem).items()}
+
+
+def _exporters(
+    found: Sequence[Place], spread: Posterior | None, bundle: Bundle, result: LocateResult, dem: Dem
+) -> dict[str, Callable[[], bytes]]:
+    """What makes the contents of each file but the page, by name."""
+    exporters: dict[str, Callable[[], bytes]] = {}
+    if spread is not None:
+        exporters["posterior.tif"] = lambda: posterior_tif(spread, dem)
+    if found:
+        exporters["candidates.geojson"] = lambda: candidates_geojson(found, result.fix, bundle, dem).encode()
+        exporters["fix.gpx"] = lambda: fix_gpx(found, result.fix, bundle).encode()
+        exporters["fix.kml"] = lambda: fix_kml(found, result.fix, bundle).encode()
+    return exporters
 
 
 def _replace_all(folder: Path, content: Mapping[str, bytes]) -> None:
@@ -82,7 +106,7 @@ def _replace_all(folder: Path, content: Mapping[str, bytes]) -> None:
         with tempfile.TemporaryDirectory(prefix=".report-", dir=folder) as aside:
             for name, data in content.items():
                 (Path(aside) / name).write_bytes(data)
-            for name, _ in BESIDE_IT:
+            for name in (PAGE, *(name for name, _ in BESIDE_IT)):
                 if name not in content:
                     (folder / name).unlink(missing_ok=True)
             for name in content:

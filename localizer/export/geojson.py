@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from localizer.bundle import Bundle
+from localizer.crs import wrapped_lon_deg
 from localizer.dem import Dem
 from localizer.export.places import Place, ellipse_ring_lonlat
 from localizer.fix import Fix
@@ -48,7 +49,7 @@ def _feature(place: Place, fix: Fix, bundle: Bundle, kind: str, geometry: dict[s
 
 
 def _rounded(place: Place) -> list[float]:
-    return [round(place.lon_deg, DECIMALS), round(place.lat_deg, DECIMALS)]
+    return [wrapped_lon_deg(round(place.lon_deg, DECIMALS)), round(place.lat_deg, DECIMALS)]
 
 
 def _ellipse(place: Place, dem: Dem) -> dict[str, Any]:
@@ -57,12 +58,16 @@ def _ellipse(place: Place, dem: Dem) -> dict[str, Any]:
     lon_deg = place.lon_deg + (lon_deg - place.lon_deg + 180.0) % 360.0 - 180.0
     ring = list(zip(lon_deg.tolist(), lat_deg.tolist(), strict=True))
     limit = float(np.copysign(180.0, place.lon_deg))
-    beyond = _clipped(ring, limit, beyond=True)
-    if not beyond:
-        return {"type": "Polygon", "coordinates": [_closed(ring)]}
-    around = [(lon - 2.0 * limit, lat) for lon, lat in beyond]
-    parts = [_closed(_clipped(ring, limit, beyond=False)), _closed(around)]
+    around = [(lon - 2.0 * limit, lat) for lon, lat in _clipped(ring, limit, beyond=True)]
+    # a part may be so thin that nothing is left of it when it is rounded
+    parts = [part for part in map(_closed, (_clipped(ring, limit, beyond=False), around)) if _has_area(part)]
+    if len(parts) < 2:
+        return {"type": "Polygon", "coordinates": parts or [_closed(ring)]}
     return {"type": "MultiPolygon", "coordinates": [[part] for part in parts]}
+
+
+def _has_area(ring: list[list[float]]) -> bool:
+    return len({lon for lon, _ in ring}) > 1 and len({lat for _, lat in ring}) > 1
 
 
 def _clipped(ring: Ring, limit: float, *, beyond: bool) -> Ring:
@@ -71,7 +76,7 @@ def _clipped(ring: Ring, limit: float, *, beyond: bool) -> Ring:
     out: Ring = []
     for (lon, lat), (next_lon, next_lat) in zip(ring, ring[1:] + ring[:1], strict=True):
         here, there = side * (lon - limit), side * (next_lon - limit)
-        if here > 0.0:
+        if here >= 0.0:
             out.append((lon, lat))
         if here * there < 0.0:
             out.append((limit, lat + (next_lat - lat) * here / (here - there)))
@@ -79,4 +84,4 @@ def _clipped(ring: Ring, limit: float, *, beyond: bool) -> Ring:
 
 
 def _closed(ring: Ring) -> list[list[float]]:
-    return [[round(lon, DECIMALS), round(lat, DECIMALS)] for lon, lat in [*ring, ring[0]]]
+    return [[round(lon, DECIMALS), round(lat, DECIMALS)] for lon, lat in [*ring, *ring[:1]]]

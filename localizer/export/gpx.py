@@ -6,6 +6,7 @@ import numpy as np
 from gpxpy.gpx import GPX, GPXWaypoint
 
 from localizer.bundle import Bundle
+from localizer.crs import wrapped_lon_deg
 from localizer.export.places import Place, place_description, place_name
 from localizer.fix import Fix
 
@@ -23,7 +24,7 @@ def fix_gpx(places: Sequence[Place], fix: Fix, bundle: Bundle) -> str:
         gpx.waypoints.append(
             GPXWaypoint(
                 latitude=round(place.lat_deg, DECIMALS),
-                longitude=round(place.lon_deg, DECIMALS),
+                longitude=wrapped_lon_deg(round(place.lon_deg, DECIMALS)),
                 elevation=round(place.ground_m, 1) if np.isfinite(place.ground_m) else None,
                 time=bundle.created,
                 name=place_name(place, fix.status, len(shown), bundle.id),

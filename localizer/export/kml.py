@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import simplekml
 
 from localizer.bundle import Bundle
+from localizer.crs import wrapped_lon_deg
 from localizer.export.places import Place, place_description, place_name
 from localizer.fix import Fix
 
@@ -19,7 +20,7 @@ def fix_kml(places: Sequence[Place], fix: Fix, bundle: Bundle) -> str:
         point = kml.newpoint(
             name=place_name(place, fix.status, len(shown), bundle.id),
             description=place_description(place, fix.status),
-            coords=[(round(place.lon_deg, DECIMALS), round(place.lat_deg, DECIMALS))],
+            coords=[(wrapped_lon_deg(round(place.lon_deg, DECIMALS)), round(place.lat_deg, DECIMALS))],
             altitudemode=simplekml.AltitudeMode.clamptoground,
         )
         point.timestamp.when = bundle.created.isoformat().replace("+00:00", "Z")

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from localizer.bundle import Bundle
 from localizer.crs import readable_name
 from localizer.dem import Dem
+from localizer.dem_info import dem_notes
 from localizer.details import LocateResult
 from localizer.export.figures import (
     MOST_ZOOMED,
@@ -52,11 +53,12 @@ def page(
     posterior: Posterior | None,
     files: Sequence[tuple[str, str]],
     truth: Truth | None = None,
+    missing: Sequence[str] = (),
 ) -> str:
     """The HTML of a report.
 
     ``images``: each frame's picture, BGR, by label. ``posterior``: None where there is no place. ``files``: name and
-    contents of what lies beside the page.
+    contents of what lies beside the page; ``missing`` says what of it could not be made.
     """
     fix = result.fix
     template = Environment(
@@ -82,7 +84,7 @@ def page(
         headline=_headline(fix),
         meaning=MEANING[fix.status],
         facts=_facts(result, dem, places, truth),
-        warnings=notes(result, bundle, dem),
+        warnings=[*dem_notes(dem), *notes(result, bundle, dem), *missing],
         taken=f"{bundle.created:%Y-%m-%d %H:%M:%S} UTC",
         dem_text=_dem_text(dem),
         files=[{"name": name, "what": what} for name, what in files],

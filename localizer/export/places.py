@@ -1,15 +1,15 @@
 """The places that a result names, in the terms of all files that it is exported to."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from localizer.crs import WGS84, transform_xy
 from localizer.dem import Dem
 from localizer.details import LocateResult
 from localizer.fix import Status
-from localizer.geodesy import meridian_convergence_deg, rowcol_to_lonlat, rowcol_to_metric
+from localizer.geodesy import map_metres_at, metric_to_lonlat, rowcol_to_lonlat, rowcol_to_metric
+from localizer.ground import MapMetres
 from localizer.report import CHI2_95, EllipseAxes, ellipse
 
 RING_POINTS = 72
@@ -29,7 +29,9 @@ class Place:
     ground_m: float
     """NaN beyond the DEM's outermost cell centres."""
     covariance_m2: NDArray[np.float64]
-    """(2, 2) of easting and northing."""
+    """(2, 2) of easting and northing, metres of the ground."""
+    here: MapMetres
+    """How the ground lies in the map there."""
     probability: float
     rms_px: float
     axes: EllipseAxes
@@ -48,7 +50,7 @@ def places(result: LocateResult, dem: Dem) -> tuple[Place, ...]:
         lon_deg, lat_deg = rowcol_to_lonlat(dem, row, col)
         (ee, en), (ne, nn) = covariance_m2.tolist()
         axes = ellipse(((ee, en), (ne, nn)))
-        convergence_deg = float(meridian_convergence_deg(dem, row, col))
+        here = map_metres_at(dem, float(row), float(col))
         out.append(
             Place(
                 rank=i + 1,
@@ -60,28 +62,35 @@ def places(result: LocateResult, dem: Dem) -> tuple[Place, ...]:
                 lon_deg=float(lon_deg),
                 ground_m=float(dem.ground_m(row, col)),
                 covariance_m2=covariance_m2,
+                here=here,
                 probability=candidate.probability,
                 rms_px=candidate.rms_px,
                 axes=axes,
-                azimuth_deg=(axes.grid_azimuth_deg + convergence_deg) % 180.0,
+                azimuth_deg=(axes.grid_azimuth_deg + here.convergence_deg) % 180.0,
             )
         )
     return tuple(out)
 
 
 def ellipse_ring_m(place: Place) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Eastings and northings (RING_POINTS,) of the ellipse that holds 95 %, counter-clockwise, not closed."""
+    """Eastings and northings (RING_POINTS,) of the ellipse that holds 95 %, in the map's own metres.
+
+    Counter-clockwise, not closed.
+    """
     angle = np.linspace(0.0, 2.0 * np.pi, RING_POINTS, endpoint=False)
     variances, axes = np.linalg.eigh(place.covariance_m2)
     axes[:, 0] *= np.sign(np.linalg.det(axes))  # a mirrored pair would run clockwise
     along = np.sqrt(CHI2_95 * np.clip(variances, 0.0, None))[:, None] * [np.cos(angle), np.sin(angle)]
-    east_m, north_m = axes @ along
+    east_m, north_m = place.here.map_from_ground @ axes @ along
     return place.easting_m + east_m, place.northing_m + north_m
 
 
 def ellipse_ring_lonlat(place: Place, dem: Dem) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The same ring in WGS84 longitudes and latitudes."""
-    return transform_xy(dem.metric_crs, WGS84, *ellipse_ring_m(place))
+    """The same ring in WGS84 longitudes, -180 <= lon < 180, and latitudes, the accuracy of the operation between the datums
+    included.
+    """
+    wider = replace(place, covariance_m2=place.covariance_m2 + dem.lonlat_accuracy_m**2 * np.eye(2))
+    return metric_to_lonlat(dem, *ellipse_ring_m(wider))
 
 
 def place_name(place: Place, status: Status, count: int, bundle: str) -> str:

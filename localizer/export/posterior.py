@@ -78,7 +78,7 @@ def _spread(place: Place, dem: Dem) -> tuple[NDArray[np.int64], Floats]:
     to_cells = np.array([[row[0] - row[1], row[2] - row[3]], [col[0] - col[1], col[2] - col[3]]]) / (
         2 * step_m
     )
-    variances, axes = np.linalg.eigh(to_cells @ place.covariance_m2 @ to_cells.T)
+    variances, axes = np.linalg.eigh(to_cells @ place.here.map_covariance(place.covariance_m2) @ to_cells.T)
     axes = axes * np.sqrt(np.clip(variances, 0.0, None))
     along = []
     for i in range(2):

@@ -125,7 +125,7 @@ def frame_table(result: LocateResult, bundle: Bundle) -> Table:
     """How much of each frame's skyline was found, used and explained, and the frame's own errors."""
     rows: list[tuple[Cell | str, ...]] = []
     for detail, frame in zip(result.details.frames, bundle.frames, strict=True):
-        width_px = bundle.camera.width_px
+        width_px = bundle.camera.height_px if detail.quarters % 2 else bundle.camera.width_px
         residual_px = result.fix.residual.get(frame.label)
         row: list[Cell | str] = [
             frame.label,

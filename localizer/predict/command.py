@@ -7,8 +7,10 @@ from pathlib import Path
 import click
 
 from localizer.command_line import FiniteRange, check_picture_path, writing
+from localizer.crs import wrapped_lon_deg
 from localizer.dem_options import DemChoice, dem_choice, dem_option
 from localizer.errors import SkyfixError
+from localizer.output_parts import OutputParts
 
 MAIN_DIRECTIONS_DEG = (0.0, 90.0, 180.0, 270.0)
 PANORAMA_DEG = (180.0,)
@@ -18,16 +20,16 @@ USUAL_WIDTH_DEG = 66.0
 
 
 def parse_place(text: str) -> tuple[float, float]:
-    """Latitude and longitude in degrees. Raises ``SkyfixError``."""
+    """Latitude and longitude in degrees, the latter -180 <= lon < 180 whatever was said. Raises ``SkyfixError``."""
     try:
         lat_deg, lon_deg = (float(part) for part in text.split(","))
     except ValueError:
         raise SkyfixError(f"--at: {text!r} is not LAT,LON; write it as --at 37.20,-122.10") from None
-    if not (abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0):  # NaN is not either
+    if not (abs(lat_deg) <= 90.0 and abs(lon_deg) <= 360.0):  # NaN is not either
         raise SkyfixError(
-            f"--at: {text}: latitude lies within 90 and longitude within 180 degrees; the latitude comes first"
+            f"--at: {text}: latitude lies within 90 and longitude within 180 degrees (or 0 to 360); the latitude comes first"
         )
-    return lat_deg, lon_deg
+    return lat_deg, wrapped_lon_deg(lon_deg)
 
 
 @click.command()
@@ -103,7 +105,7 @@ def predict(
     if camera_path is not None and width_deg is not None:
         raise SkyfixError("--fov-deg: the camera has a width of its own; give one of --camera and --fov-deg")
     camera = lens.load_camera(camera_path) if camera_path is not None else None
-    dem = chosen_dem.load()
+    dem = chosen_dem.load_to_search("localizer")
     place = standpoint(dem, lat_deg, lon_deg, mast_height_m)
 
     from localizer.horizon.from_terrain import prepare_terrain
@@ -121,9 +123,11 @@ def predict(
         both = list(zip(cameras, views, strict=True))
         views = [view(terrain, place, p.azimuth_deg, lens.whole_width_deg(p, seen)) for p, seen in both]
         notes = [lens.notes(pointed, seen) for pointed, seen in zip(cameras, views, strict=True)]
+    click.echo(json.dumps(fields(place, views, notes)) if as_json else text(place, views, notes))
     if picture_path is not None:
         from localizer.predict.picture import draw_views
 
-        with writing("--out", picture_path):
+        parts = OutputParts()
+        with parts.part(f"--out: {picture_path}"), writing("--out", picture_path):
             draw_views(picture_path, terrain, place, views, cameras)
-    click.echo(json.dumps(fields(place, views, notes)) if as_json else text(place, views, notes))
+        parts.end()

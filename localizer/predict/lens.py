@@ -10,7 +10,9 @@ from pydantic import ValidationError
 
 from localizer.bundle import FILE_NAME, Camera
 from localizer.camera import azimuth_elevation_deg, camera_to_world, pixel_rays, project
+from localizer.documents import DocumentError, read_json
 from localizer.errors import SkyfixError
+from localizer.os_errors import why_not_read
 from localizer.predict.views import View
 
 Floats = NDArray[np.float64]
@@ -50,11 +52,13 @@ def load_camera(path: Path) -> Camera:
     """
     file = path / FILE_NAME if path.is_dir() else path
     try:
-        fields = json.loads(file.read_bytes())
+        fields = read_json(file)
     except OSError as error:
-        raise SkyfixError(f"--camera: {file}: {error.strerror}") from None
-    except (ValueError, RecursionError):  # the latter of brackets in thousands
-        raise SkyfixError(f"--camera: {file}: is not JSON; name a bundle or its {FILE_NAME}") from None
+        raise SkyfixError(f"--camera: {file}: {why_not_read(error, file)}") from None
+    except DocumentError as error:
+        raise SkyfixError(
+            f"--camera: {file}: is not JSON that can be used ({error}); name a bundle or its {FILE_NAME}"
+        ) from None
     if isinstance(fields, dict) and "camera" in fields:
         fields = fields["camera"]
     try:

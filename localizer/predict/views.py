@@ -8,7 +8,7 @@ from scipy.signal import find_peaks
 
 from localizer.dem import Dem
 from localizer.errors import SkyfixError
-from localizer.geodesy import after, lonlat_to_rowcol, rowcol_to_lonlat
+from localizer.geodesy import after, bounds_deg, lonlat_to_rowcol, rowcol_to_lonlat
 from localizer.horizon.from_terrain import NEAR_CELLS, Terrain, at_rim, horizon
 
 Floats = NDArray[np.float64]
@@ -85,10 +85,10 @@ def standpoint(dem: Dem, lat_deg: float, lon_deg: float, mast_height_m: float) -
     row, col = (float(value) for value in lonlat_to_rowcol(dem, lon_deg, lat_deg))
     where = f"--at: {lat_deg:.5f},{lon_deg:.5f}"
     if not (0.0 <= row <= dem.rows - 1 and 0.0 <= col <= dem.cols - 1):
-        lon, lat = rowcol_to_lonlat(dem, [0.0, 0.0, dem.rows - 1, dem.rows - 1], [0.0, dem.cols - 1] * 2)
+        south, west, north, east = bounds_deg(dem, [0.0, dem.rows - 1], [0.0, dem.cols - 1])
         raise SkyfixError(
-            f"{where} lies outside the DEM, which reaches from {lat.min():.5f} to {lat.max():.5f} north and from "
-            f"{lon.min():.5f} to {lon.max():.5f} east; it is LAT,LON in degrees"
+            f"{where} lies outside the DEM, which reaches from {south:.5f} to {north:.5f} north and from "
+            f"{west:.5f} to {east:.5f} east; it is LAT,LON in degrees"
         )
     ground_m = float(dem.ground_m(row, col))
     if np.isnan(ground_m):

@@ -9,7 +9,9 @@ import click
 from localizer.bundle import Bundle, load_bundle
 from localizer.command_line import writing
 from localizer.dem import Dem
+from localizer.doubts import altitude_note, reason_note
 from localizer.errors import SkyfixError
+from localizer.output_parts import OutputParts
 from localizer.report import Truth, report
 
 
@@ -49,6 +51,9 @@ def run_track(
         step = follow_bundle(tracker, leg, terrain, bundle)
         tracker = step.tracker
         steps.append(step)
+        for note in (altitude_note(step.fix, bundle, dem), reason_note(step.fix)):
+            if note:
+                click.echo(f"localizer: bundle {bundle.id}: {note}", err=True)
         click.echo(track_line(step, dem).to_json() if as_json else step_text(step))
     last = steps[-1].fix
     if not as_json:
@@ -56,8 +61,10 @@ def run_track(
     if plot_path is not None:
         from localizer.track.plot import draw_track
 
-        with writing("--plot", plot_path):
+        parts = OutputParts()
+        with parts.part(f"--plot: {plot_path}"), writing("--plot", plot_path):
             draw_track(plot_path, steps, odometry, dem, truths)
+        parts.end()
     return last.exit_status
 
 

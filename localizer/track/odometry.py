@@ -18,7 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, TypeAdapter, ValidationError, model_validator
 
+from localizer.documents import MOST_JSON_BYTES, DocumentError, json_text, read_file
 from localizer.errors import SkyfixError
+from localizer.os_errors import why_not_read
 from localizer.track.places import Matrix
 
 Floats = NDArray[np.float64]
@@ -110,13 +112,18 @@ class UnknownLeg(_Leg):
 Odometry = tuple[Movement | None, ...]
 """One movement for each leg; None where nothing is known of it."""
 
+MOST_LEG_BYTES = 100_000
+
 _OBJECT = TypeAdapter(dict[str, JsonValue])
 
 
 def parse_leg(text: str | bytes) -> Movement | None:
     """One line of an odometry file. Raises ``ValueError`` with one line of what is wrong."""
     try:
+        text = json_text(text, MOST_LEG_BYTES)
         fields = _OBJECT.validate_json(text)
+    except DocumentError as error:
+        raise ValueError(f"is no JSON object: {error}") from None
     except ValidationError:
         raise ValueError("is no JSON object") from None
     kind: type[DistanceLeg | VectorLeg | UnknownLeg]
@@ -146,9 +153,11 @@ def parse_leg(text: str | bytes) -> Movement | None:
 def load_odometry(path: Path, legs: int) -> Odometry:
     """Read the file for that many legs. Raises ``OdometryError`` that names the file and the line."""
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = read_file(path, MOST_JSON_BYTES).decode("utf-8-sig").splitlines()
     except OSError as error:
-        raise OdometryError(f"{path}: {error.strerror}") from None
+        raise OdometryError(f"{path}: {why_not_read(error, path)}") from None
+    except DocumentError as error:
+        raise OdometryError(f"{path}: {error}") from None
     except UnicodeDecodeError:
         raise OdometryError(f"{path}: is no text; odometry is JSON Lines, one line a leg") from None
     movements = []

@@ -10,8 +10,10 @@ from typing import Annotated, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 from pyproj import Geod
+
+from localizer.crs import wrapped_lon_deg
 
 Floats = NDArray[np.float64]
 Matrix = tuple[tuple[float, float], tuple[float, float]]
@@ -29,7 +31,7 @@ class Place(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     lat_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
-    lon_deg: float
+    lon_deg: Annotated[float, AfterValidator(wrapped_lon_deg)]
     covariance_enu_m2: Matrix
     common_enu_m2: Matrix = ((0.0, 0.0), (0.0, 0.0))
     """The part of ``covariance_enu_m2`` that other looks share."""
@@ -144,4 +146,4 @@ def _point(start: Place, step_m: Floats) -> tuple[float, float]:
     """Latitude and longitude a step (2,) to the east and north of a place's centre."""
     azimuth_deg = float(np.degrees(np.arctan2(step_m[0], step_m[1])))
     lon_deg, lat_deg, _ = GEOD.fwd(start.lon_deg, start.lat_deg, azimuth_deg, float(np.hypot(*step_m)))
-    return float(lat_deg), float(lon_deg)
+    return float(lat_deg), wrapped_lon_deg(lon_deg)

@@ -13,11 +13,13 @@ from matplotlib.patches import Ellipse, Rectangle
 from numpy.typing import NDArray
 
 from localizer.dem import Dem
-from localizer.geodesy import enu_to_metric_jacobian
+from localizer.geodesy import map_metres_at
+from localizer.ground import map_metres
 from localizer.plot import TRUE_MARKS
 from localizer.relief import dem_bounds_m, draw_relief
 from localizer.report import CHI2_95, Truth, ellipse, lat_lon
 from localizer.track.odometry import Odometry
+from localizer.track.places import matrix
 from localizer.track.report import TrackHypothesis, TrackLine, track_line
 from localizer.track.tracker import Step
 
@@ -48,14 +50,15 @@ def draw_track(
     whole, near = figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[0, 1])
     everything = dem_bounds_m(dem)
     draw_relief(whole, dem, everything, unit_m=1000.0)
-    _draw_hypotheses(whole, lines, 1000.0, (0.0, 0.0))
+    _draw_hypotheses(whole, lines, dem, (1000.0, 1000.0), (0.0, 0.0))
     zoom = _zoom(lines, truths, dem, everything)
     origin_m = ((zoom[0] + zoom[1]) / 2.0, (zoom[2] + zoom[3]) / 2.0)
-    draw_relief(near, dem, zoom, origin_m=origin_m)
-    _draw_legs(near, lines, odometry, dem, origin_m)
-    _draw_hypotheses(near, lines, 1.0, origin_m)
-    _draw_truths(near, truths, dem, origin_m)
-    _number_stops(near, lines, origin_m)
+    unit_m = map_metres(dem.metric_crs, *origin_m).axis_scales  # its axes count metres of the ground
+    draw_relief(near, dem, zoom, origin_m=origin_m, unit_m=unit_m)
+    _draw_legs(near, lines, odometry, dem, unit_m, origin_m)
+    _draw_hypotheses(near, lines, dem, unit_m, origin_m)
+    _draw_truths(near, truths, dem, unit_m, origin_m)
+    _number_stops(near, lines, unit_m, origin_m)
     whole.add_patch(
         Rectangle(
             (zoom[0] / 1000.0, zoom[2] / 1000.0),
@@ -89,10 +92,11 @@ def _zoom(lines: Sequence[TrackLine], truths: Sequence[Truth], dem: Dem, everyth
         return everything
     west_m, south_m = np.min(points, axis=0)
     east_m, north_m = np.max(points, axis=0)
-    half_m = max(
-        0.65 * max(east_m - west_m, north_m - south_m), LEAST_ZOOM_CELLS * max(dem.spacing_ns_m, 1.0)
-    )
     middle = (west_m + east_m) / 2.0, (south_m + north_m) / 2.0
+    scale = map_metres(dem.metric_crs, float(middle[0]), float(middle[1])).scale
+    half_m = max(
+        0.65 * max(east_m - west_m, north_m - south_m), scale * LEAST_ZOOM_CELLS * max(dem.spacing_ns_m, 1.0)
+    )
     return (
         float(middle[0] - half_m),
         float(middle[0] + half_m),
@@ -111,13 +115,17 @@ def _inside(axes: Axes, x: float, y: float) -> bool:
 
 
 def _draw_hypotheses(
-    axes: Axes, lines: Sequence[TrackLine], unit_m: float, origin_m: tuple[float, float]
+    axes: Axes,
+    lines: Sequence[TrackLine],
+    dem: Dem,
+    unit_m: tuple[float, float],
+    origin_m: tuple[float, float],
 ) -> None:
     """A mark for each, larger for the likelier and hollow where the bundle's images do not show it, with its 95 % ellipse."""
     for number, line in enumerate(lines):
         colour = _colour(number, len(lines))
         for h in line.hypotheses:
-            x, y = (h.easting_m - origin_m[0]) / unit_m, (h.northing_m - origin_m[1]) / unit_m
+            x, y = (h.easting_m - origin_m[0]) / unit_m[0], (h.northing_m - origin_m[1]) / unit_m[1]
             if not _inside(axes, x, y):
                 continue
             axes.scatter(
@@ -130,23 +138,26 @@ def _draw_hypotheses(
                 linewidth=0.8 if h.seen else 1.6,
                 zorder=5,
             )
-            _draw_ellipse(axes, h, x, y, unit_m, colour)
+            _draw_ellipse(axes, h, dem, x, y, unit_m, colour)
 
 
 def _draw_ellipse(
     axes: Axes,
     hypothesis: TrackHypothesis,
+    dem: Dem,
     x: float,
     y: float,
-    unit_m: float,
+    unit_m: tuple[float, float],
     colour: tuple[float, float, float, float],
 ) -> None:
-    one_sigma = ellipse(hypothesis.covariance_m2)
+    here = map_metres(dem.metric_crs, hypothesis.easting_m, hypothesis.northing_m)
+    in_units = here.map_covariance(hypothesis.covariance_m2) / np.outer(unit_m, unit_m)
+    one_sigma = ellipse(matrix(in_units))
     axes.add_patch(
         Ellipse(
             (x, y),
-            2.0 * np.sqrt(CHI2_95) * one_sigma.major_m / unit_m,
-            2.0 * np.sqrt(CHI2_95) * one_sigma.minor_m / unit_m,
+            2.0 * np.sqrt(CHI2_95) * one_sigma.major_m,
+            2.0 * np.sqrt(CHI2_95) * one_sigma.minor_m,
             angle=90.0 - one_sigma.grid_azimuth_deg,
             facecolor=(*colour[:3], 0.15),
             edgecolor=colour,
@@ -156,17 +167,22 @@ def _draw_ellipse(
 
 
 def _draw_legs(
-    axes: Axes, lines: Sequence[TrackLine], odometry: Odometry, dem: Dem, origin_m: tuple[float, float]
+    axes: Axes,
+    lines: Sequence[TrackLine],
+    odometry: Odometry,
+    dem: Dem,
+    unit_m: tuple[float, float],
+    origin_m: tuple[float, float],
 ) -> None:
     """What the odometry says of the way from each place where the vehicle may have stood, as an arrow."""
     for line, leg in zip(lines[:-1], odometry, strict=True):
         if leg is None:
             continue
         for start in line.hypotheses:
-            x, y = start.easting_m - origin_m[0], start.northing_m - origin_m[1]
+            x, y = (start.easting_m - origin_m[0]) / unit_m[0], (start.northing_m - origin_m[1]) / unit_m[1]
             if start.probability < LEAST_DRAWN or not _inside(axes, x, y):
                 continue
-            step = enu_to_metric_jacobian(dem, start.row, start.col) @ leg.step_m
+            step = map_metres_at(dem, start.row, start.col).to_map @ leg.step_m / unit_m
             axes.annotate(
                 "",
                 (x + float(step[0]), y + float(step[1])),
@@ -176,21 +192,29 @@ def _draw_legs(
             )
 
 
-def _number_stops(axes: Axes, lines: Sequence[TrackLine], origin_m: tuple[float, float]) -> None:
+def _number_stops(
+    axes: Axes, lines: Sequence[TrackLine], unit_m: tuple[float, float], origin_m: tuple[float, float]
+) -> None:
     for number, line in enumerate(lines):
         for h in line.hypotheses:
-            x, y = h.easting_m - origin_m[0], h.northing_m - origin_m[1]
+            x, y = (h.easting_m - origin_m[0]) / unit_m[0], (h.northing_m - origin_m[1]) / unit_m[1]
             if h.probability >= LEAST_DRAWN and _inside(axes, x, y):
                 axes.annotate(
                     str(number + 1), (x, y), (9, 9), textcoords="offset points", fontsize=12, weight="bold"
                 )
 
 
-def _draw_truths(axes: Axes, truths: Sequence[Truth], dem: Dem, origin_m: tuple[float, float]) -> None:
+def _draw_truths(
+    axes: Axes,
+    truths: Sequence[Truth],
+    dem: Dem,
+    unit_m: tuple[float, float],
+    origin_m: tuple[float, float],
+) -> None:
     for truth in truths:
         easting_m, northing_m = truth.metric(dem)
         for style in TRUE_MARKS:
-            mark = Line2D([easting_m - origin_m[0]], [northing_m - origin_m[1]])
+            mark = Line2D([(easting_m - origin_m[0]) / unit_m[0]], [(northing_m - origin_m[1]) / unit_m[1]])
             mark.update_from(style)
             mark.set_zorder(4.0)
             axes.add_artist(mark)

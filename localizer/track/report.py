@@ -1,12 +1,14 @@
 """What became of each bundle, for people (a line) and for programs (``skyfix.track/1``)."""
 
-from typing import Literal
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+import numpy as np
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
+from localizer.crs import wrapped_lon_deg
 from localizer.dem import Dem
 from localizer.fix import Fix, Probability
-from localizer.geodesy import enu_to_metric_jacobian, lonlat_to_rowcol, rowcol_to_metric
+from localizer.geodesy import lonlat_to_rowcol, map_metres_at, rowcol_to_metric
 from localizer.report import ellipse, lat_lon
 from localizer.track.mixture import Posterior
 from localizer.track.places import Matrix, matrix
@@ -23,11 +25,11 @@ class TrackHypothesis(_Part):
     easting_m: float
     northing_m: float
     lat_deg: float
-    lon_deg: float
+    lon_deg: Annotated[float, AfterValidator(wrapped_lon_deg)]
     row: float
     col: float
     covariance_m2: Matrix
-    """Of easting and northing."""
+    """Of easting and northing, metres of the ground."""
     probability: Probability
     seen: bool
 
@@ -67,7 +69,7 @@ def _hypothesis(posterior: Posterior, dem: Dem) -> TrackHypothesis:
     at = posterior.hypothesis.place
     row, col = lonlat_to_rowcol(dem, at.lon_deg, at.lat_deg)
     easting_m, northing_m = rowcol_to_metric(dem, row, col)
-    turn = enu_to_metric_jacobian(dem, row, col)
+    here = map_metres_at(dem, float(row), float(col))
     return TrackHypothesis(
         easting_m=float(easting_m),
         northing_m=float(northing_m),
@@ -75,7 +77,7 @@ def _hypothesis(posterior: Posterior, dem: Dem) -> TrackHypothesis:
         lon_deg=at.lon_deg,
         row=float(row),
         col=float(col),
-        covariance_m2=matrix(turn @ at.covariance @ turn.T),
+        covariance_m2=matrix(here.ground_covariance(at.covariance) + dem.metric_accuracy_m**2 * np.eye(2)),
         probability=posterior.hypothesis.probability,
         seen=posterior.number is not None,
     )
@@ -97,6 +99,8 @@ def step_text(step: Step) -> str:
     if fix.status == "none":
         kept = len(step.posteriors)
         parts.append(f"{kept} earlier {'place' if kept == 1 else 'places'} kept")
+    if fix.reason is not None:
+        parts.append(f"({fix.reason.code})")
     if step.left_out is not None:
         parts.append(f"without frame {step.left_out}, which contradicts the others")
     parts.append(f"({step.mode})")

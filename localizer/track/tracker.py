@@ -17,12 +17,13 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from localizer.answer import Located, fix_of
-from localizer.bundle import Bundle, frame_image
+from localizer.bundle import Bundle
 from localizer.contradiction import Settled, settle_frames
+from localizer.documents import DocumentError, json_text
+from localizer.doubts import altitude_as_trusted, without_altimeter
 from localizer.errors import SkyfixError
 from localizer.fix import Fix
 from localizer.geodesy import lonlat_to_rowcol, rowcol_to_lonlat
-from localizer.horizon.from_image import find_skyline
 from localizer.horizon.from_terrain import Terrain
 from localizer.locate import locate, observe
 from localizer.observation import Observation, PriorCircle
@@ -42,7 +43,8 @@ from localizer.track.mixture import (
     update,
 )
 from localizer.track.odometry import Movement
-from localizer.track.places import Place, place
+from localizer.track.places import GEOD, Place, place
+from localizer.upright import frame_skyline
 
 Mode = Literal["bootstrap", "whole DEM", "whole DEM after bootstrap failed"]
 
@@ -58,6 +60,8 @@ RADIUS_SIGMAS, RADIUS_CELLS = 5.0, 5.0
 """Of the circle that is searched."""
 INSIDE = 0.9
 """Of its radius: a place nearer its edge may only be the way to one outside."""
+SEARCHED_ANEW_S = 30.0
+"""A search that took longer is not made anew without the altimeter: a vehicle waits for the answer."""
 WIDEST_RADIUS_SHARE = 0.25
 """Of the DEM's side: a wider circle saves nothing."""
 EVIDENCE_KEPT = 0.95
@@ -93,7 +97,9 @@ class Tracker(BaseModel):
     def from_json(cls, text: str | bytes) -> Self:
         """What ``to_json`` wrote. Raises ``TrackerError``."""
         try:
-            return cls.model_validate_json(text)
+            return cls.model_validate_json(json_text(text))
+        except DocumentError as error:
+            raise TrackerError(f"state of a track: {error}; start a new track") from None
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             where = ".".join(str(part) for part in first["loc"])
@@ -125,7 +131,7 @@ class Step:
 def follow_bundle(tracker: Tracker, leg: Movement | None, terrain: Terrain, bundle: Bundle) -> Step:
     """As ``follow``, from the pictures. Raises ``BundleError`` where one cannot be read."""
     begin = time.perf_counter()
-    skylines = [find_skyline(frame_image(bundle, frame)) for frame in bundle.frames]
+    skylines = [frame_skyline(bundle, frame) for frame in bundle.frames]
     timing_s = {"horizon": time.perf_counter() - begin}
     return follow(tracker, leg, terrain, observe(bundle, skylines), bundle.id, timing_s)
 
@@ -143,6 +149,7 @@ def follow(
     A look that fits no place leaves the moved hypotheses as they are, and its own answer is ``none``. ``terrain`` is prepared
     once for all steps.
     """
+    observation = altitude_as_trusted(observation, terrain.dem)
     area_m2 = _area_m2(terrain)
     moved = _moved(tracker, leg, area_m2)
     mode, settled = _search(moved, terrain, observation)
@@ -150,6 +157,9 @@ def follow(
     timing = {**(timing_s or {}), **located.timing_s}
     if located.best is None:
         fix = fix_of(terrain, observation, located, bundle_id, timing)
+        fix = without_altimeter(
+            terrain, observation, fix, lambda o: locate(terrain, o, everywhere=False), SEARCHED_ANEW_S
+        )
         kept = tuple(Posterior(h, None) for h in moved.now.hypotheses)
         return Step(bundle_id, mode, fix, kept, moved, None)
     decision = located.decision
@@ -220,10 +230,8 @@ def _convinces(near: Located, circle: PriorCircle, tracker: Tracker, terrain: Te
     best = near.best
     if best is None or near.decision.status != "fix":
         return False
-    row, col = lonlat_to_rowcol(terrain.dem, circle.lon_deg, circle.lat_deg)
-    off_m = np.hypot(
-        (best.row - float(row)) * terrain.dem.spacing_ns_m, (best.col - float(col)) * terrain.dem.spacing_ew_m
-    )
+    lon_deg, lat_deg = (float(value) for value in rowcol_to_lonlat(terrain.dem, best.row, best.col))
+    off_m = GEOD.inv(circle.lon_deg, circle.lat_deg, lon_deg, lat_deg)[2]
     return bool(off_m <= INSIDE * circle.radius_m and best.evidence >= EVIDENCE_KEPT * tracker.look_evidence)
 
 

@@ -111,10 +111,18 @@ def head_level(
 ) -> HeadLevel:
     """Average of accelerometer samples, robust against a few taken while something shook the mast.
 
-    A two-axis chip's missing z is what is left of 1 g. ``DeviceError`` where that cannot be gravity.
+    A two-axis chip's missing z is what is left of 1 g. ``DeviceError`` where that cannot be gravity, or where a drift is known
+    and the temperature (NaN) is not.
     """
     chip = np.array([[s.x_g, s.y_g, np.nan if s.z_g is None else s.z_g] for s in samples], float)
-    temperature_c = float(np.mean([s.temperature_c for s in samples]))
+    told_c = [s.temperature_c for s in samples if math.isfinite(s.temperature_c)]
+    temperature_c = float(np.mean(told_c)) if told_c else math.nan
+    if not told_c and any(correction.drift_mg_c):
+        raise DeviceError(
+            device,
+            "does not tell its temperature, and [inclinometer] drift_mg_c needs it",
+            "power-cycle it; replace it if that does not help",
+        )
     measured = in_axes(chip, axes)
     head = correction.up_in_head(measured, temperature_c)
     uncorrected = NO_CORRECTION.up_in_head(measured, temperature_c)

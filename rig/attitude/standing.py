@@ -14,10 +14,9 @@ from typing import Any
 import numpy as np
 
 from localizer.observation import NO_COMPASS_SIGMA_DEG
-from rig.attitude.declination import Declination, declination
+from rig.attitude.declination import declination
 from rig.attitude.heading import (
     FieldAtPan,
-    HeadingsAtPan,
     TrueHeading,
     VehicleIron,
     heading_from_field,
@@ -26,11 +25,13 @@ from rig.attitude.heading import (
 )
 from rig.attitude.kinematics import Attitude, JointAngles
 from rig.attitude.level import BaseLevel, HeadLevel, LevelReading, LevelSigmas, base_level, in_axes
+from rig.attitude.talker_headings import true_headings
+from rig.attitude.tilt_agreement import require_agreement
 from rig.bus.retry import retry
 from rig.clock import utc_now
-from rig.config import CompassSection, Mmc5983maSection, NmeaCompassSection, Place, RigConfig
+from rig.config import CompassSection, Mmc5983maSection, Place, RigConfig
 from rig.connect import Rig
-from rig.errors import ConfigError, DeviceError
+from rig.errors import ConfigError, DeviceError, GoalError
 from rig.fault_notes import note_fault
 from rig.measure import require_stood, still_level, utc_text
 from rig.pan_tilt import HeadState
@@ -39,6 +40,8 @@ from rig.readings import FieldReading, HeadingReading
 CompassReading = FieldReading | HeadingReading
 
 READING_SHARE = 0.4  # of average_s at each pan angle: there are several of them
+NOD_DEG, NOD_READING_S = 10.0, 0.2
+TWO_AXES = ("iis2iclx",)
 NO_COMPASS = TrueHeading(0.0, NO_COMPASS_SIGMA_DEG, None)
 HEADING_OF_STOPS = "heading from the stops before it"
 DISTURBED_DEG, DISTURBED_FACTOR = 2.0, 3.0
@@ -52,7 +55,7 @@ class MeanField:
     mean_ut: tuple[float, float, float]
     scatter_ut: tuple[float, float, float]
     readings: int
-    temperature_c: float
+    temperature_c: float | None
 
 
 @dataclass(frozen=True)
@@ -88,8 +91,30 @@ class Standing:
 def measure_standing(rig: Rig) -> Standing:
     """Turn the head through the configured pan angles, at tilt 0, and read inclinometer and compass at each."""
     duration_s = rig.config.inclinometer.average_s * READING_SHARE
-    stops = [read_stop(rig, JointAngles(pan_deg, 0.0), duration_s) for pan_deg in _in_passing(rig)]
-    return standing_from(rig.config, stops, rig.compass.identify() if rig.compass else None)
+    pans_deg = _in_passing(rig)
+    nod = _nod(rig, pans_deg[0]) if rig.config.inclinometer.chip in TWO_AXES else None
+    stops = [read_stop(rig, JointAngles(pan_deg, 0.0), duration_s) for pan_deg in pans_deg]
+    standing = standing_from(rig.config, stops, rig.compass.identify() if rig.compass else None)
+    if nod:
+        measured_deg = nod.level.tilt_deg - standing.level.tilt_zero_deg
+        require_agreement(standing.attitude, nod.joints, measured_deg, rig.inclinometer.identify())
+    return standing
+
+
+def _nod(rig: Rig, pan_deg: float) -> LevelReading | None:
+    """The level at a tilt of its own, which shows the scale of a chip that cannot see all of gravity.
+
+    None where limits and keep-out zones leave no room for it.
+    """
+    tilt = rig.config.pan_tilt.tilt
+    for tilt_deg in (min(NOD_DEG, tilt.max_deg), max(-NOD_DEG, tilt.min_deg)):
+        try:
+            state = rig.pan_tilt.go_to(pan_deg, tilt_deg)
+        except GoalError:
+            continue
+        level, _ = still_level(rig, NOD_READING_S)
+        return LevelReading(JointAngles(state.pan_deg, state.tilt_deg), level)
+    return None
 
 
 def standing_from(
@@ -118,7 +143,12 @@ def standing_from(
         level,
         heading,
         {"compass": compass, "stops": [stop_record(stop) for stop in stops]},
-        {"level": asdict(level), "heading": asdict(heading), "compass": details},
+        {
+            "level": asdict(level),
+            "heading": asdict(heading)
+            | {"declination": heading.declination.record() if heading.declination else None},
+            "compass": details,
+        },
         tuple(stops),
     )
 
@@ -164,28 +194,14 @@ def base_heading(
         vehicle = VehicleIron(section.vehicle_hard_iron_ut, section.vehicle_soft_iron)
         measured = heading_from_field(fields, level, vehicle)
         to_true = declination(section.declination_deg, None, place, stops[0].utc)
-        return true_heading(measured, section.azimuth_bias_sigma_deg, to_true), asdict(measured)
-    headings, to_true_used = [], None
-    for stop in stops:
-        true_deg = []
-        for reading in stop.headings:
-            used = _talkers_declination(reading, section, place)
-            true_deg.append(reading.heading_deg + (used.declination_deg if used else 0.0))
-            to_true_used = used or to_true_used
-        headings.append(HeadingsAtPan(stop.joints.pan_deg, tuple(true_deg)))
-    spoken = heading_from_talker(headings, level)
+        to_true.note()
+        trusted_deg = math.hypot(section.azimuth_bias_sigma_deg, to_true.sigma_deg)
+        return true_heading(measured, trusted_deg, to_true), asdict(measured)
+    told = true_headings([stop for stop in stops if stop.headings], section, place)
+    spoken = heading_from_talker(told.at_pans, level)
     # The readings are true already: a talker may send both kinds, and its own variation with each.
-    return replace(
-        true_heading(spoken, section.azimuth_bias_sigma_deg, None), declination=to_true_used
-    ), asdict(spoken)
-
-
-def _talkers_declination(
-    reading: HeadingReading, section: NmeaCompassSection, place: Place | None
-) -> Declination | None:
-    if reading.reference == "true":
-        return None
-    return declination(section.declination_deg, reading.variation_deg, place, reading.utc)
+    trusted_deg = math.hypot(section.azimuth_bias_sigma_deg, told.sigma_deg)
+    return replace(true_heading(spoken, trusted_deg, None), declination=told.declination), asdict(spoken)
 
 
 def stage_field(pan_deg: float, field: MeanField, section: Mmc5983maSection) -> FieldAtPan:
@@ -277,7 +293,15 @@ def compass_record(stop: Stop) -> dict[str, Any]:
         record["compass_temperature_c"] = stop.field.temperature_c
     if stop.headings:
         record["headings"] = [
-            {"heading_deg": r.heading_deg, "reference": r.reference, "variation_deg": r.variation_deg}
+            {
+                "heading_deg": r.heading_deg,
+                "reference": r.reference,
+                "variation_deg": r.variation_deg,
+                "source": r.source,
+                "deviation_deg": r.deviation_deg,
+                "resolution_deg": r.resolution_deg,
+                "estimated": r.estimated,
+            }
             for r in stop.headings
         ]
     return record

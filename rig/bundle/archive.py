@@ -11,27 +11,24 @@ import os
 import secrets
 import shutil
 import tarfile
-import tempfile
 import time
 import zipfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import closing
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import IO, Protocol
 
-from localizer.bundle import FILE_NAME, Bundle, load_bundle
+from localizer.bundle import FILE_NAME, Bundle
 from rig.atomic import sync
 from rig.bundle.facts import TABLE_COLUMNS, table_rows
+from rig.bundle.limits import ArchiveError
+from rig.bundle.unpack import SUMS_NAME, bundles_of_archive, unpack_archive
 from rig.bundle.writer import LEAST_FREE_BYTES, existing_part
-from rig.errors import RigError
+
+__all__ = ["ArchiveError", "bundles_of_archive", "is_archive", "unpack_archive", "write_archive"]
 
 INDEX_NAME = "index.csv"
-SUMS_NAME = "SHA256SUMS"
 SUFFIXES = (".tar", ".tar.gz", ".tgz", ".zip")
-
-
-class ArchiveError(RigError):
-    """An archive cannot be written, or is damaged."""
 
 
 class _Writer(Protocol):
@@ -80,70 +77,6 @@ def write_archive(path: Path, bundles: Sequence[Bundle]) -> None:
         ) from error
     finally:
         partial.unlink(missing_ok=True)
-
-
-def bundles_of_archive(path: Path, expected: dict[str, str] | None = None) -> Iterator[Bundle]:
-    """The bundles of an archive, each unpacked into a folder that lasts until the next, and checked.
-
-    Every file is held against ``expected`` (checksums by name), by default against those in the archive.
-
-    ``ArchiveError`` where it is no archive, is cut off, or a checksum is wrong; ``BundleError`` for a bundle that is not valid.
-    """
-    sums: dict[str, str] | None = None
-    seen: dict[str, str] = {}
-    with tempfile.TemporaryDirectory(prefix="skyfix-archive-") as folder:
-        current: str | None = None
-        for name, content in _members(path):
-            seen[name] = hashlib.sha256(content).hexdigest()
-            top = PurePosixPath(name).parts[0]
-            if current is not None and top != current:
-                yield load_bundle(Path(folder, current))
-                shutil.rmtree(Path(folder, current))
-                current = None
-            if name == SUMS_NAME:
-                sums = _parsed_sums(path, content)
-            elif name != top:
-                current = top
-                file = Path(folder, name)
-                file.parent.mkdir(parents=True, exist_ok=True)
-                file.write_bytes(content)
-        if current is not None:
-            yield load_bundle(Path(folder, current))
-    if sums is None:
-        raise ArchiveError(f"{path}: has no {SUMS_NAME}: it is cut off, or no archive of rig bundle export")
-    del seen[SUMS_NAME]
-    sums = sums if expected is None else expected
-    wrong = sorted(name for name in {*sums, *seen} if sums.get(name) != seen.get(name))
-    if wrong:
-        raise ArchiveError(f"{path}: {wrong[0]} is missing, was added or has changed ({len(wrong)} files)")
-
-
-def unpack_archive(path: Path, out_dir: Path) -> Iterator[tuple[Path, bool]]:
-    """Put an archive's bundles into a folder: where each is, and whether it came now or was there already, the same.
-
-    Each is complete or absent, as a captured one. ``ArchiveError`` where another bundle has its name.
-    """
-    for bundle in bundles_of_archive(path):
-        place = out_dir / bundle.id
-        if place.exists():
-            if load_bundle(place).to_json() != bundle.to_json():
-                raise ArchiveError(f"{place}: is another bundle than the archive's; choose another --out")
-            yield place, False
-            continue
-        partial = out_dir / f".{bundle.id}.partial"
-        try:
-            shutil.rmtree(partial, ignore_errors=True)
-            shutil.copytree(bundle.directory, partial)
-            for each in (*partial.rglob("*"), partial):
-                sync(each)
-            load_bundle(partial)
-            partial.rename(place)
-            sync(out_dir)
-        except OSError as error:
-            raise ArchiveError(f"{place}: cannot be written: {error.strerror or error}") from error
-        finally:
-            shutil.rmtree(partial, ignore_errors=True)
-        yield place, True
 
 
 def _write(file: IO[bytes], name: str, bundles: Sequence[Bundle]) -> dict[str, str]:
@@ -196,46 +129,6 @@ class _ZipWriter:
 
     def close(self) -> None:
         self._zip.close()
-
-
-def _members(path: Path) -> Iterator[tuple[str, bytes]]:
-    """Names and contents of an archive's files, in order."""
-    if path.exists() and not path.is_file():  # a pipe would be waited for
-        raise ArchiveError(f"{path}: is not a file but a directory or a pipe")
-    try:
-        if zipfile.is_zipfile(path):
-            with zipfile.ZipFile(path) as archive:
-                for info in archive.infolist():
-                    if not info.is_dir():
-                        yield _inside(path, info.filename), archive.read(info)
-            return
-        with tarfile.open(path, "r:*") as tar:
-            for member in tar:
-                if member.isdir():
-                    continue
-                content = tar.extractfile(member) if member.isfile() else None
-                if content is None:
-                    raise ArchiveError(f"{path}: {member.name} is no plain file")
-                yield _inside(path, member.name), content.read()
-    except OSError as error:
-        raise ArchiveError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except (tarfile.TarError, zipfile.BadZipFile, EOFError) as error:
-        raise ArchiveError(f"{path}: is damaged or no archive: {error}") from error
-
-
-def _inside(path: Path, name: str) -> str:
-    parts = PurePosixPath(name).parts
-    if not parts or name.startswith("/") or ".." in parts or "\\" in name or "\0" in name:
-        raise ArchiveError(f"{path}: its file {name!r} leads outside")
-    return str(PurePosixPath(name))
-
-
-def _parsed_sums(path: Path, content: bytes) -> dict[str, str]:
-    try:
-        pairs = [line.split("  ", 1) for line in content.decode().splitlines()]
-        return {name: digest for digest, name in pairs}
-    except ValueError as error:
-        raise ArchiveError(f"{path}: {SUMS_NAME} is damaged") from error
 
 
 def _require_space(path: Path, bundles: Sequence[Bundle]) -> None:

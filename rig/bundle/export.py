@@ -10,6 +10,7 @@ from localizer.command_line import OutputFolder
 from rig.bundle.archive import unpack_archive, write_archive
 from rig.bundle.look import json_option, loaded
 from rig.cli_options import folders_argument
+from rig.signals import stopping_cleanly
 
 
 @click.command()
@@ -39,7 +40,8 @@ def export(folders: tuple[Path, ...], path: Path, as_json: bool) -> None:
         if isinstance(result, BundleError):
             raise result
         bundles.append(result)
-    write_archive(path, bundles)
+    with stopping_cleanly():
+        write_archive(path, bundles)
     size = path.stat().st_size
     if as_json:
         ids = [bundle.id for bundle in bundles]
@@ -61,14 +63,27 @@ def export(folders: tuple[Path, ...], path: Path, as_json: bool) -> None:
 )
 @json_option
 def import_(archive: Path, out_dir: Path, as_json: bool) -> None:
-    """Unpack the bundles of an archive; each is checked, and complete or absent. One that is there already, the same, stays.
+    """Unpack the bundles of an archive, all or none, after every checksum; one that is there already, the same, stays.
+
+    Only what the bundles list is kept, and an archive that holds or unpacks to more than bundles explain is refused.
 
     Example: rig bundle import field-trip.tar --out bundles
     """
-    for place, is_new in unpack_archive(archive, out_dir):
+    strays: list[str] = []
+    with stopping_cleanly():
+        found = unpack_archive(archive, out_dir, strays.append)
+    for place, is_new in found:
         if as_json:
             click.echo(json.dumps({"directory": str(place), "new": is_new}))
         else:
             click.echo(place)
             if not is_new:
                 click.echo(f"{place} was there already", err=True)
+    if strays:
+        click.echo(f"{archive}: left out what no bundle lists: {named_first(strays)}", err=True)
+
+
+def named_first(strays: list[str]) -> str:
+    """The first few of some files."""
+    more = f" and {len(strays) - 3} more" if len(strays) > 3 else ""
+    return f"{', '.join(map(repr, strays[:3]))}{more}"

@@ -48,35 +48,36 @@ def _bundles_below(folder: Path) -> Iterator[Path]:
 
 
 def facts(bundle: Bundle) -> Record:
-    """A bundle in a few JSON values."""
-    raw, calibration = _extra(bundle, "raw"), _extra(bundle, "calibration")
+    """A bundle in a few JSON values. What its writer left to itself is taken as far as it is what ``rig`` writes."""
+    raw, calibration = extra_of(bundle, "raw"), extra_of(bundle, "calibration")
+    files = calibration.get("files")
     return {
         "id": bundle.id,
         "created": bundle.model_dump(mode="json")["created"],
         "directory": str(bundle.directory),
-        "rig": raw.get("rig"),
-        "series": raw.get("series"),
+        "rig": _text(raw.get("rig")),
+        "series": _series(raw),
         "readings": readings(bundle),
         "frames": [_frame(frame) for frame in bundle.frames],
         "calibrations": {
-            kind: (record.get("content") or {}).get("id")
-            for kind, record in (calibration.get("files") or {}).items()
+            _text(kind): _text(_at(record, "content", "id"))
+            for kind, record in (files.items() if isinstance(files, Mapping) else ())
         },
-        "recalibrated_from": raw.get("recalibrated_from"),
-        "faults": raw.get("faults", []),
+        "recalibrated_from": _text(raw.get("recalibrated_from")),
+        "faults": _faults(raw),
     }
 
 
 def readings(bundle: Bundle) -> Record:
     """How vehicle and camera stood, each angle by its name; what the bundle's writer did not record is absent."""
-    calibration = _extra(bundle, "calibration")
+    calibration = extra_of(bundle, "calibration")
     found: Record = {
         "altitude_m": bundle.altitude.value_m if bundle.altitude else None,
         "altitude_sigma_m": bundle.altitude.sigma_m if bundle.altitude else None,
-        "heading_deg": (calibration.get("heading") or {}).get("heading_deg"),
+        "heading_deg": _number(_at(calibration, "heading", "heading_deg")),
         "azimuth_bias_sigma_deg": bundle.azimuth_bias_sigma_deg,
-        "pitch_deg": (calibration.get("level") or {}).get("pitch_deg"),
-        "roll_deg": (calibration.get("level") or {}).get("roll_deg"),
+        "pitch_deg": _number(_at(calibration, "level", "pitch_deg")),
+        "roll_deg": _number(_at(calibration, "level", "roll_deg")),
         "tilt_bias_sigma_deg": bundle.tilt_bias_sigma_deg,
     }
     for frame in bundle.frames:
@@ -91,14 +92,13 @@ def readings(bundle: Bundle) -> Record:
 
 def skyline_share(frame: Frame) -> float | None:
     """Share of the columns in which the capture saw a skyline."""
-    share: float | None = (_extra(frame, "raw").get("skyline") or {}).get("share")
-    return share
+    return _number(_at(extra_of(frame, "raw"), "skyline", "share"))
 
 
 def table_rows(bundle: Bundle) -> Iterator[Record]:
     """A row of ``TABLE_COLUMNS`` for each frame."""
     known = readings(bundle)
-    series = _extra(bundle, "raw").get("series") or {}
+    series = _series(extra_of(bundle, "raw")) or {}
     for frame in bundle.frames:
         fields = frame.model_dump(mode="json")
         yield {
@@ -115,16 +115,60 @@ def table_rows(bundle: Bundle) -> Iterator[Record]:
 def _frame(frame: Frame) -> Record:
     fields = frame.model_dump(mode="json")
     names = ("label", "time", "azimuth_deg", "azimuth_sigma_deg", "tilt_deg", "tilt_sigma_deg", "roll_deg")
-    raw = _extra(frame, "raw")
+    raw = extra_of(frame, "raw")
     return {
         **{name: fields[name] for name in (*names, "roll_sigma_deg")},
         "skyline_share": skyline_share(frame),
-        "servo_volts": raw.get("servo_volts"),
-        "servo_temperatures_c": raw.get("servo_temperatures_c"),
+        "servo_volts": _numbers(raw.get("servo_volts")),
+        "servo_temperatures_c": _numbers(raw.get("servo_temperatures_c")),
     }
 
 
-def _extra(part: Bundle | Frame, name: str) -> Mapping[str, Any]:
+def _series(raw: Mapping[str, Any]) -> Record | None:
+    """The series that a bundle belongs to."""
+    name, number = _text(_at(raw, "series", "id")), _at(raw, "series", "number")
+    if name is None or isinstance(number, bool) or not isinstance(number, int):
+        return None
+    return {"id": name, "number": number}
+
+
+def _faults(raw: Mapping[str, Any]) -> list[Record]:
+    """Faults that were overcome, as ``rig.fault_notes`` notes them."""
+    noted = raw.get("faults")
+    return [
+        {**fault, **{key: _text(fault[key]) for key in ("device", "problem", "action")}}
+        for fault in (noted if isinstance(noted, list) else ())
+        if isinstance(fault, Mapping)
+        and all(isinstance(fault.get(key), str) for key in ("device", "problem", "action"))
+        and isinstance(fault.get("count"), int)
+    ]
+
+
+def _at(value: object, *keys: str) -> object:
+    """What lies below these keys; None where there is no such thing."""
+    for key in keys:
+        value = value.get(key) if isinstance(value, Mapping) else None
+    return value
+
+
+def _number(value: object) -> float | None:
+    return value if isinstance(value, int | float) and not isinstance(value, bool) else None
+
+
+def _numbers(value: object) -> list[float] | None:
+    if isinstance(value, list) and value and all(_number(each) is not None for each in value):
+        return value
+    return None
+
+
+def _text(value: object) -> str | None:
+    """In printable letters: a terminal obeys others."""
+    if not isinstance(value, str):
+        return None
+    return "".join(letter if letter.isprintable() else " " for letter in value)
+
+
+def extra_of(part: Bundle | Frame, name: str) -> Mapping[str, Any]:
     """What the contract leaves to the writer; other writers may leave it out."""
     value = (part.model_extra or {}).get(name)
     return value if isinstance(value, Mapping) else {}

@@ -10,6 +10,7 @@ from typing import Any
 import click
 
 from localizer.bundle import Bundle, BundleError, load_bundle
+from localizer.os_errors import meant_instead
 from rig.bundle.archive import ArchiveError, bundles_of_archive, is_archive
 from rig.bundle.facts import TABLE_COLUMNS, bundles_in, facts, how_often, table_rows, to_the_second
 from rig.cli_options import folders_argument
@@ -21,7 +22,9 @@ def loaded(paths: tuple[Path, ...]) -> Iterator[tuple[Path, Bundle | BundleError
     """The bundles in some folders, each of which may be one, whole or damaged. ``BundleError`` where there is none."""
     for folder in paths:
         if not folder.is_dir():
-            raise BundleError(f"{folder}: is no folder; name a bundle, or the folder that bundles are in")
+            what = "is no folder" if folder.exists() else "is no folder, and no file either"
+            meant = "" if folder.exists() else meant_instead(folder)
+            raise BundleError(f"{folder}: {what}; name a bundle, or the folder that bundles are in{meant}")
         found = bundles_in(folder)
         if not found:
             raise BundleError(f"{folder}: holds no bundle")
@@ -137,7 +140,7 @@ def _shown(found: dict[str, Any]) -> str:
             f"  {frame['label']}: azimuth {frame['azimuth_deg']:.2f}, tilt {frame['tilt_deg']:z.2f}, "
             f"roll {frame['roll_deg']:z.2f} deg{seen}"
         )
-        if frame["servo_volts"]:
+        if frame["servo_volts"] and frame["servo_temperatures_c"]:
             volts, temps = (
                 "/".join(f"{value:g}" for value in frame[key])
                 for key in ("servo_volts", "servo_temperatures_c")
@@ -183,8 +186,14 @@ def _verified(paths: tuple[Path, ...]) -> Iterator[tuple[str, str | None]]:
     for path in paths:
         try:
             if is_archive(path):
-                for bundle in bundles_of_archive(path):
+                strays: list[str] = []
+                for bundle in bundles_of_archive(path, stray=strays.append):
                     yield f"{path}: {bundle.id}", None
+                if strays:
+                    yield (
+                        str(path),
+                        f"{path}: holds {strays[0]!r}, which no bundle lists ({len(strays)} files)",
+                    )
             else:
                 for where, result in loaded((path,)):
                     yield str(where), str(result) if isinstance(result, BundleError) else None

@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from localizer.bundle import Bundle, Frame, frame_image
-from localizer.horizon.from_image import CONFIDENT, ColumnState, Skyline, find_skyline
+from localizer.horizon.from_image import CONFIDENT, ColumnState, Skyline
+from localizer.os_errors import why_not_written
+from localizer.upright import Upright, frame_skyline, upright
 from rig.atomic import write_atomically
 from rig.bundle.facts import facts, how_often
 from rig.errors import RigError
@@ -37,7 +39,7 @@ def write_preview(path: Path, bundle: Bundle, title: str) -> None:
     try:
         write_atomically(path, cv2.imencode(suffix, contact_sheet(bundle, title), options)[1].tobytes())
     except OSError as error:
-        raise PreviewError(f"{path}: cannot be written: {error.strerror}") from error
+        raise PreviewError(f"{path}: {why_not_written(error)}") from error
 
 
 def contact_sheet(bundle: Bundle, title: str) -> Image:
@@ -52,14 +54,15 @@ def contact_sheet(bundle: Bundle, title: str) -> Image:
 
 def _tile(bundle: Bundle, frame: Frame) -> Image:
     image = frame_image(bundle, frame)
-    skyline = find_skyline(image)
+    skyline = frame_skyline(bundle, frame)
+    turned = upright(bundle.camera, frame.roll_deg)
     scale = TILE_WIDTH / image.shape[1]
     size = TILE_WIDTH, round(image.shape[0] * scale)
     shrinks = scale < 1.0
     small = np.asarray(
         cv2.resize(image, size, interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR), np.uint8
     )
-    _draw(small, skyline, scale)
+    _draw(small, skyline, turned, scale)
     confident = (skyline.state == ColumnState.OK) & (skyline.confidence >= CONFIDENT)
     share = float(np.mean(confident))
     seen = f"skyline {share:.0%}" if share else "NO SKYLINE"
@@ -70,7 +73,7 @@ def _tile(bundle: Bundle, frame: Frame) -> Image:
     return np.vstack([small, _lines([text], TILE_WIDTH, INK_BGR if share else ALERT_BGR)])
 
 
-def _draw(image: Image, skyline: Skyline, scale: float) -> None:
+def _draw(image: Image, skyline: Skyline, turned: Upright, scale: float) -> None:
     """The skyline over a picture that is ``scale`` times as large: what is relied on in one colour, the rest in another."""
     sure = (skyline.state == ColumnState.OK) & (skyline.confidence >= CONFIDENT)
     seen = np.isfinite(skyline.row_px)
@@ -78,7 +81,8 @@ def _draw(image: Image, skyline: Skyline, scale: float) -> None:
         columns = np.flatnonzero(which)
         for run in np.split(columns, np.flatnonzero(np.diff(columns) > 1) + 1):
             if len(run):
-                points = (np.column_stack([run, skyline.row_px[run]]) + 0.5) * scale - 0.5
+                on_picture = turned.as_recorded(run.astype(float), skyline.row_px[run])
+                points = (np.column_stack(on_picture) + 0.5) * scale - 0.5
                 cv2.polylines(
                     image, [np.rint(points * 16).astype(np.int32)], False, colour, 1, cv2.LINE_AA, shift=4
                 )

@@ -1,6 +1,7 @@
 """Write a measurement bundle (``skyfix.bundle/1``): the directory is complete, or it is not there."""
 
 import os
+import re
 import secrets
 import shutil
 from collections.abc import Mapping, Sequence
@@ -12,8 +13,10 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
 from localizer.bundle import FILE_NAME, Altitude, Bundle, Camera, Frame, load_bundle, sha256_of
+from localizer.os_errors import why_not_written
 from rig.atomic import sync
 from rig.errors import RigError
 
@@ -92,18 +95,22 @@ def write_bundle(folder: Path, measurement: Measurement) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         (partial / "frames").mkdir(parents=True)
-        frames = [_write_frame(partial, frame) for frame in measurement.frames]
+        frames = [_write_frame(partial, frame, n) for n, frame in enumerate(measurement.frames, 1)]
         _write(partial / FILE_NAME, _bundle(name, measurement, frames).to_json().encode())
         for directory in (partial / "frames", partial):
             sync(directory)
         load_bundle(partial)
         partial.rename(folder / name)
         sync(folder)
-    except OSError as error:
-        reason = error.strerror or str(error)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        field = ".".join(map(str, first["loc"]))
         raise BundleWriteError(
-            f"{folder / name}: cannot be written: {reason}; choose another with --out"
+            f"{folder / name}: would be no valid bundle: {field}: {first['msg']}"
         ) from error
+    except OSError as error:
+        why = why_not_written(error, "choose another with --out")
+        raise BundleWriteError(f"{folder / name}: {why}") from error
     finally:
         shutil.rmtree(partial, ignore_errors=True)
     return folder / name
@@ -127,8 +134,10 @@ def _bundle(name: str, measurement: Measurement, frames: list[Frame]) -> Bundle:
     )
 
 
-def _write_frame(directory: Path, record: FrameRecord) -> Frame:
-    file = f"frames/{record.label}.png"
+def _write_frame(directory: Path, record: FrameRecord, number: int) -> Frame:
+    # a label that is derived anew may come from anybody's bundle, and lead anywhere
+    plain = re.fullmatch(r"[0-9A-Za-z][0-9A-Za-z_.-]*", record.label)
+    file = f"frames/{record.label if plain else f'frame-{number}'}.png"
     _write(directory / file, cv2.imencode(".png", record.image_bgr)[1].tobytes())
     return Frame.model_validate(
         {

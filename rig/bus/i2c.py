@@ -6,26 +6,28 @@ acknowledge, 110 timed out, 5 the lines are stuck.
 
 import errno
 import fcntl
+import grp
 import os
-import re
 import socket
 import struct
 import threading
 import time
+from pathlib import Path
 from typing import Protocol
 
 import smbus2
 
-from rig.bus import tap
+from rig.bus import sysfs, tap
 from rig.bus.deadline import Deadline
-from rig.errors import ConfigError, DeviceError
+from rig.bus.i2c_errors import BridgeLostError, lacks_plain_i2c
+from rig.bus.i2c_names import BRIDGE_URL, adapter_path, buses_there
+from rig.errors import DeviceError
 
 LOCK_WAIT_S, _LOCK_POLL_S = 3.0, 0.05
 """A device file is one program's at a time. The daemon asks its devices within a second or two: that is waited for."""
 _BRIDGE_TIMEOUT_S = 2.0
 _BRIDGE_REQUEST = struct.Struct(">BBHH")  # bus, address, write length, read length
 _BRIDGE_ANSWER = struct.Struct(">HH")  # errno (0 = done), length of the data that follow
-_BRIDGE_URL = re.compile(r"tcp://(?P<host>[^/:]+|\[[^]]+\]):(?P<port>\d{1,5})/(?P<bus>\d{1,3})")
 
 
 class I2cBus(Protocol):
@@ -55,11 +57,18 @@ class SmbusI2c:
         try:
             self._bus = smbus2.SMBus(path)
         except OSError as error:
-            remedy = {
-                errno.ENOENT: "enable the bus (on a Raspberry Pi: dtparam=i2c_arm=on) or correct `bus`",
-                errno.EACCES: "add the user to the group of the device file, often i2c",
-            }.get(error.errno or 0, "correct `bus`")
-            raise DeviceError(f"I2C bus {path}", f"cannot be opened ({error.strerror})", remedy) from error
+            problem, remedy = _why_not_opened(error, path)
+            raise DeviceError(f"I2C bus {path}", problem, remedy) from error
+        can = lacks_plain_i2c(int(self._bus.funcs))
+        if can:
+            self._bus.close()
+            number = sysfs.i2c_number(path)
+            raise DeviceError(
+                f"I2C bus {path}",
+                f"its adapter ({sysfs.i2c_adapters().get(number or 0) or 'unnamed'}) can do {can}: the function I2C "
+                "(I2C_FUNC_I2C) is missing",
+                f"connect the chips to an adapter that has it (i2cdetect -F {'N' if number is None else number})",
+            )
         assert self._bus.fd is not None
         try:
             _lock(self._bus.fd, path)
@@ -83,6 +92,42 @@ class SmbusI2c:
 
     def close(self) -> None:
         self._bus.close()
+
+
+def _why_not_opened(error: OSError, path: str) -> tuple[str, str]:
+    """Problem and remedy of a bus that cannot be opened."""
+    reason = f"cannot be opened ({error.strerror or error})"
+    number = sysfs.i2c_number(path)
+    match error.errno:
+        case errno.ENOENT if number in sysfs.i2c_adapters():
+            return reason, "load the kernel module of the device files: sudo modprobe i2c-dev"
+        case errno.ENOENT:
+            return (
+                reason,
+                f"enable the bus (on a Raspberry Pi: dtparam=i2c_arm=on) or correct `bus`: {buses_there()}",
+            )
+        case errno.EACCES | errno.EPERM:
+            group = _group(path)
+            return (
+                reason,
+                f"add the user to the group of the device file, {group}: sudo usermod -aG {group} USER, and log in again",
+            )
+        case errno.EBUSY:
+            return reason, "end the other program that has it open"
+        case errno.ENXIO | errno.ENODEV:
+            return reason, f"plug the adapter in, or correct `bus`: {buses_there()}"
+        case errno.ENOTTY | errno.EINVAL:
+            return f"{reason}: the file is no I2C bus", f"correct `bus`: {buses_there()}"
+        case errno.EISDIR:
+            return f"{reason}: it is a folder", f"correct `bus`: {buses_there()}"
+    return reason, "correct `bus`"
+
+
+def _group(path: str) -> str:
+    try:
+        return grp.getgrgid(Path(path).stat().st_gid).gr_name
+    except (OSError, KeyError):
+        return "i2c"
 
 
 def _lock(descriptor: int, path: str) -> None:
@@ -117,11 +162,8 @@ class BridgeI2c:
         try:
             self._connection()
         except OSError as error:
-            raise DeviceError(
-                f"I2C bridge {host}:{port}",
-                f"cannot be reached ({error.strerror or error})",
-                "start it or correct `bus`",
-            ) from error
+            why, remedy = _why_not_reached(error)
+            raise DeviceError(f"I2C bridge {host}:{port}", f"cannot be reached ({why})", remedy) from error
 
     def __str__(self) -> str:
         return f"tcp://{self._host}:{self._port}/{self._bus}"
@@ -135,11 +177,18 @@ class BridgeI2c:
             data = _receive(connection, length)
         except OSError as error:
             self.close()
+            bridge = f"{self._host}:{self._port}"
             if isinstance(error, TimeoutError):
-                raise OSError(errno.ETIMEDOUT, "the I2C bridge does not answer") from error
-            raise
+                problem = f"the I2C bridge does not answer within {_BRIDGE_TIMEOUT_S:g} s"
+                remedy = "see that its program still runs, and the network on the way"
+                raise BridgeLostError(errno.ETIMEDOUT, problem, bridge, remedy) from error
+            why, remedy = _why_not_reached(error)
+            raise BridgeLostError(error.errno or errno.ECONNRESET, why, bridge, remedy) from error
         if status:
             raise OSError(status, os.strerror(status))
+        if len(data) != read_length:
+            self.close()
+            raise OSError(errno.EIO, f"the I2C bridge sent {len(data)} bytes, not {read_length}")
         return data
 
     def close(self) -> None:
@@ -154,9 +203,30 @@ class BridgeI2c:
         return self._socket
 
 
+def _why_not_reached(error: OSError) -> tuple[str, str]:
+    """Why there is no connection to a bridge, and what to do."""
+    why = error.strerror or str(error)
+    if isinstance(error, socket.gaierror):
+        return f"the name is not known: {why}", "correct the host in `bus`, or give its address"
+    if isinstance(error, TimeoutError):
+        return (
+            f"no answer within {_BRIDGE_TIMEOUT_S:g} s",
+            "see that its computer is on, and the network on the way",
+        )
+    match error.errno:
+        case errno.ECONNREFUSED:
+            return f"{why}: nothing listens on that port", "start it or correct `bus`"
+        case errno.EHOSTUNREACH | errno.ENETUNREACH | errno.ENETDOWN:
+            return why, "see the network on the way, and correct `bus`"
+        case errno.ECONNRESET | errno.EPIPE | errno.ECONNABORTED:
+            return why, "see that its program still runs; start it again"
+    return why, "start it or correct `bus`"
+
+
 def _receive(connection: socket.socket, length: int) -> bytes:
-    data = bytearray()
+    data, deadline = bytearray(), Deadline.after(_BRIDGE_TIMEOUT_S)  # for all of it, not for each part
     while len(data) < length:
+        connection.settimeout(max(0.001, deadline.remaining_s))
         part = connection.recv(length - len(data))
         if not part:
             raise OSError(errno.ECONNRESET, "the I2C bridge closed the connection")
@@ -215,22 +285,22 @@ class SharedI2c:
 def open_i2c(url: str) -> I2cBus:
     """Open the bus that ``url`` names, or share it where it is open already.
 
-    ``url`` is a device file ("/dev/i2c-1") or a bridge ("tcp://127.0.0.1:4711/1"). Raises ``ConfigError``
-    where it is neither, ``DeviceError`` where the bus cannot be opened.
+    ``url`` is a device file ("/dev/i2c-1"), a bridge ("tcp://127.0.0.1:4711/1"), or the name of an adapter. Raises
+    ``ConfigError`` where it is none of them, ``DeviceError`` where the bus cannot be opened.
     """
-    key = os.path.realpath(url) if url.startswith("/") else url  # udev may give a bus several names
+    path = url if url.startswith("/") or BRIDGE_URL.fullmatch(url) else adapter_path(url)
+    key = os.path.realpath(path) if path.startswith("/") else path  # udev may give a bus several names
     with _open_buses_lock:
         shared = _open_buses.get(key)
         if shared is None:
-            shared = _open_buses[key] = _Shared(key, _open(url))
+            shared = _open_buses[key] = _Shared(key, _open(path))
         shared.users += 1
         return SharedI2c(url, shared)
 
 
-def _open(url: str) -> I2cBus:
-    if url.startswith("/"):
-        return SmbusI2c(url)
-    bridge = _BRIDGE_URL.fullmatch(url)
-    if bridge is None:
-        raise ConfigError(f"`bus` = {url!r}: expected a device file (/dev/i2c-1) or tcp://HOST:PORT/BUS")
+def _open(path: str) -> I2cBus:
+    if path.startswith("/"):
+        return SmbusI2c(path)
+    bridge = BRIDGE_URL.fullmatch(path)
+    assert bridge is not None
     return BridgeI2c(bridge["host"].strip("[]"), int(bridge["port"]), int(bridge["bus"]))

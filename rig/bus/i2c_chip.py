@@ -1,18 +1,11 @@
 """A chip on an I2C bus: registers and commands, with errors that name the chip."""
 
-import errno
 from collections.abc import Callable
 from typing import TypeVar
 
 from rig.bus.i2c import I2cBus, open_i2c
+from rig.bus.i2c_errors import held_by_driver, transfer_error
 from rig.errors import DeviceError, TransientError, WrongDeviceError
-
-_MEANINGS = {
-    errno.EREMOTEIO: ("does not acknowledge", "check its power, wiring and `address`"),
-    errno.ENXIO: ("does not acknowledge", "check its power, wiring and `address`"),
-    errno.ETIMEDOUT: ("timed out", "check for a stuck clock line; power-cycle the chip"),
-    errno.EIO: ("the bus failed", "check pull-ups and wiring; power-cycle the chip"),
-}
 
 Chip = TypeVar("Chip")
 
@@ -20,10 +13,14 @@ Chip = TypeVar("Chip")
 def open_chip(driver: Callable[[I2cBus, int], Chip], url: str, address: int) -> Chip:
     """A driver on the bus that ``url`` names; the bus is given back where the driver refuses the chip.
 
-    Raises what ``rig.bus.i2c.open_i2c`` and the driver raise.
+    Raises what ``rig.bus.i2c.open_i2c`` and the driver raise, and ``DeviceError`` where a driver of the kernel holds the
+    chip: both would set it up and take each other's samples.
     """
     bus = open_i2c(url)
     try:
+        held = held_by_driver(str(bus), address)
+        if held:
+            raise DeviceError(f"chip at 0x{address:02X} on {bus}", *held)
         return driver(bus, address)
     except BaseException:
         bus.close()
@@ -31,7 +28,9 @@ def open_chip(driver: Callable[[I2cBus, int], Chip], url: str, address: int) -> 
 
 
 class I2cChip:
-    """One chip at one address. Every failure of the bus is a ``TransientError`` that names the chip."""
+    """One chip at one address. Every failure of the bus is a ``DeviceError`` that names the chip, as a rule a
+    ``TransientError``.
+    """
 
     def __init__(self, bus: I2cBus, address: int, model: str) -> None:
         self._bus = bus
@@ -39,12 +38,13 @@ class I2cChip:
         self.name = f"{model} at 0x{address:02X} on {bus}"
 
     def transfer(self, write: bytes, read_length: int = 0) -> bytes:
-        """One transaction: exactly ``read_length`` bytes, or ``TransientError``."""
+        """One transaction: exactly ``read_length`` bytes, or ``TransientError``; ``DeviceError`` for what lasts."""
         try:
             data = self._bus.transfer(self._address, write, read_length)
         except OSError as error:
-            problem, remedy = _MEANINGS.get(error.errno or 0, ("the bus failed", "check the wiring"))
-            raise TransientError(self.name, f"{problem} ({error.strerror or error})", remedy) from error
+            raise transfer_error(
+                error, self.name, str(self._bus), self._address, len(write), read_length
+            ) from error
         if len(data) != read_length:
             raise TransientError(self.name, f"gave {len(data)} of {read_length} bytes", "check the wiring")
         return data

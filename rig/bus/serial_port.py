@@ -12,17 +12,20 @@ import logging
 import select
 import termios
 from collections.abc import Iterator
+from pathlib import Path
 
 import serial
 
-from rig.bus import tap
+from rig.bus import sysfs, tap
 from rig.bus.deadline import Deadline
 from rig.errors import DeviceError, LostPortError
+from rig.fault_notes import note_fault
 
 _log = logging.getLogger(__name__)
 
 _READ_BYTES = 4096
 _WRITE_TIMEOUT_S = 1.0
+MOST_LATENCY_MS = 4
 _FAILURES = (OSError, termios.error, ValueError)  # SerialException is an OSError
 
 _REMEDIES = {
@@ -33,7 +36,16 @@ _REMEDIES = {
     errno.EACCES: ("may not be opened by this user", "add the user to the group of the port, often dialout"),
     errno.EBUSY: ("is in use", "end the other program that has it open"),
     errno.EAGAIN: ("is in use", "end the other program that has it open"),
+    errno.ENOTTY: ("cannot be opened: it is no serial port", "correct `port` (/dev/serial/by-id is stable)"),
+    errno.EISDIR: ("cannot be opened: it is a folder", "name the port in it, with `port`"),
+    errno.ENOTDIR: ("there is no such port", "correct `port` (/dev/serial/by-id is stable)"),
+    errno.ENXIO: ("has gone away", "plug the adapter in again"),
+    errno.ENODEV: ("has gone away", "plug the adapter in again"),
+    errno.ELOOP: ("is a link that leads to itself", "correct `port`"),
 }
+_PORTS = ("serial/by-id/*", "ttyUSB*", "ttyACM*")
+_PORTS_SHOWN = 4
+_BAUD = ("cannot be opened: it has no such baud rate", "correct `baud`, or take another adapter")
 
 
 class SerialPort:
@@ -65,6 +77,13 @@ class SerialPort:
             port.set_low_latency_mode(True)
         except (ValueError, OSError) as error:
             _log.debug("%s has no low-latency mode: %s", self.path, error)
+        latency_ms = sysfs.serial_latency_ms(self.path)
+        if latency_ms is not None and latency_ms > MOST_LATENCY_MS:
+            note_fault(
+                f"serial port {self.path}",
+                f"its adapter holds bytes back for {latency_ms} ms, and keeps doing so",
+                f"went on, slower; as root: echo 1 > {sysfs.serial_latency_file(self.path)}, or a udev rule for it",
+            )
         return port
 
     def read(self, deadline: Deadline) -> bytes:
@@ -112,7 +131,29 @@ def _errors(kind: type[DeviceError], path: str, problem: str, remedy: str) -> It
         yield
     except _FAILURES as error:
         problem, remedy = _REMEDIES.get(_errno(error), (f"{problem} ({_reason(error)})", remedy))
+        if _errno(error) == errno.ENOENT:
+            remedy += _ports_there(path)
+        if isinstance(error, ValueError) and "aud rate" in str(error):
+            problem, remedy = _BAUD
+        elif isinstance(error, serial.SerialTimeoutException):
+            problem, remedy = (
+                "takes nothing that is sent",
+                "see that no flow control holds it; plug the adapter in again",
+            )
+        elif "multiple access" in str(error):
+            remedy = "check the cable and the adapter, and that no other program reads the port"
         raise kind(f"serial port {path}", problem, remedy) from error
+
+
+def _ports_there(path: str) -> str:
+    """The ports of this computer, to follow a remedy; the one that was meant where only /dev is missing."""
+    if not path.startswith("/") and Path("/dev", path).exists():
+        return f"; did you mean /dev/{path}?"
+    there = [str(each) for pattern in _PORTS for each in sorted(Path("/dev").glob(pattern))]
+    shown = ", ".join(there[:_PORTS_SHOWN]) + (
+        f" and {len(there) - _PORTS_SHOWN} more" if len(there) > _PORTS_SHOWN else ""
+    )
+    return f"; there is {shown}" if there else ""
 
 
 def _errno(error: Exception) -> int:

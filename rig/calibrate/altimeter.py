@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.figure import Figure
 
+from rig import clock
 from rig.altitude import PressureReference, altitude_m, metres_per_hpa
 from rig.bus.retry import retry
 from rig.calibrate.figures import new_figure
@@ -59,7 +60,8 @@ def fit_pressure(readings: Sequence[PressureReading], known: KnownAltitude) -> P
             f"altimeter: the pressure changed by {noise_m:.1f} m while it was read; close the doors, shelter it from "
             "the wind, and calibrate again"
         )
-    return PressureFit(mean_hpa, math.hypot(known.sigma_m, noise_m), noise_m)
+    rounding_m = min(reading.resolution_hpa for reading in readings) / math.sqrt(12.0) * metres
+    return PressureFit(mean_hpa, math.hypot(known.sigma_m, noise_m, rounding_m), noise_m)
 
 
 def calibrate_altimeter(
@@ -79,6 +81,10 @@ def calibrate_altimeter(
         readings = retry(lambda: altimeter.read_many(DURATION_S))
     finally:
         altimeter.close()
+    if wrong := clock.problem(readings[-1].utc):
+        raise CalibrationError(
+            f"altimeter: {wrong}; set it first, for the time of the reference goes into the calibration"
+        )
     fit = fit_pressure(readings, known)
     document = AltimeterCalibration(
         **session.header("altimeter", device),

@@ -1,13 +1,16 @@
 """Calibrate the camera: collect views of a board, live or from files, fit, show."""
 
 import glob
+import struct
 import time
+import warnings
 from collections.abc import Sequence
 
 import cv2
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from PIL import Image
 
 from rig.calibrate.board import Board, View
 from rig.calibrate.camera_fit import (
@@ -80,17 +83,33 @@ def views_from_files(board: Board, pattern: str, size_px: tuple[int, int]) -> li
         raise CalibrationError(f"--images {pattern}: names no file; check the folder, and quote the pattern")
     views = []
     for path in paths:
-        image = cv2.imread(path, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
-        if image is None:
-            raise CalibrationError(f"{path}: is no picture that can be read; leave it out of --images")
-        height, width = image.shape[:2]
+        width, height = _size_px(path)  # before it is unpacked: a file of kilobytes can claim gigabytes
         if (width, height) != size_px:
             raise CalibrationError(
                 f"{path}: is {width} x {height} px, but [camera] says {size_px[0]} x {size_px[1]}; take pictures of that size"
             )
+        try:
+            image = cv2.imread(path, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+        except cv2.error:
+            image = None
+        if image is None:
+            raise CalibrationError(f"{path}: is no picture that can be read; leave it out of --images")
         view = board.find(path, np.asarray(image, np.uint8))
         views += [view] if view else []
     return views
+
+
+def _size_px(path: str) -> tuple[int, int]:
+    """What a picture's header says."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            with Image.open(path) as picture:
+                return picture.size
+    except (OSError, SyntaxError, ValueError, EOFError, struct.error, Image.DecompressionBombError) as error:
+        raise CalibrationError(
+            f"{path}: is no picture that can be read ({error}); leave it out of --images"
+        ) from error
 
 
 def views_from_camera(

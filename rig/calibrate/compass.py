@@ -186,13 +186,10 @@ def _section(config: RigConfig) -> Mmc5983maSection:
 def _model(config: RigConfig) -> ModelField:
     if config.place is None:
         raise CalibrationError("compass: the strength of the Earth's field is looked up at [place]; add that")
-    now = clock.utc_now()
-    try:
-        return model_field(config.place, now)
-    except ValueError as error:
-        raise CalibrationError(
-            f"compass: the World Magnetic Model cannot tell the field: {now:%Y-%m-%d}, {error}; set the clock"
-        ) from error
+    model = model_field(config.place, clock.utc_now())
+    if model.problem:
+        raise CalibrationError(f"compass: {model.problem}; set the clock")
+    return model
 
 
 def _softness(matrix: Sequence[Sequence[float]]) -> float:

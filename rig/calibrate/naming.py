@@ -3,10 +3,10 @@
 import json
 import os
 import re
-import tomllib
 from pathlib import Path
 from typing import Any
 
+from localizer.documents import MOST_TOML_BYTES, DocumentError, read_file, toml_text, toml_values
 from rig.atomic import write_atomically
 from rig.calibration import CalibrationError, Kind
 
@@ -20,14 +20,18 @@ def name_in_config(config_path: Path, kind: Kind, file: Path) -> None:
     """
     named = os.path.relpath(file, config_path.parent)
     try:
-        before = config_path.read_text(encoding="utf-8")
+        before = toml_text(read_file(config_path, MOST_TOML_BYTES))
         after = with_calibration(before, kind, named)
-        if tomllib.loads(after) != _expected(tomllib.loads(before), kind, named):
+        if toml_values(after) != _expected(toml_values(before), kind, named):
             raise CalibrationError(
                 f"{config_path}: its [calibration] is laid out so that it cannot be changed safely; "
                 f'write there: {kind} = "{named}"'
             )
         write_atomically(config_path, after.encode())
+    except DocumentError as error:
+        raise CalibrationError(
+            f"{config_path}: {error}; write under [calibration]: {kind} = {named!r}"
+        ) from error
     except OSError as error:
         raise CalibrationError(
             f"{config_path}: cannot be changed: {error.strerror}; write under [calibration]: {kind} = {named!r}"

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from localizer.crs import wrapped_lon_deg
 from localizer.dem import Dem, load_dem
 from localizer.geodesy import lonlat_to_rowcol
 from rig.calibration import CalibrationError
@@ -32,16 +33,16 @@ class PlaceSigmas:
 
 
 def parse_place(text: str) -> tuple[float, float]:
-    """ "LAT,LON" in degrees. ``ValueError``, one sentence, where it is something else."""
+    """ "LAT,LON" in degrees, the longitude then -180 <= lon < 180. ``ValueError``, one sentence, where it is something else."""
     try:
         lat_deg, lon_deg = (float(part) for part in text.split(","))
     except ValueError:
         raise ValueError(
             f"{text!r} is no place; give LAT,LON in degrees, for example 37.2012,-122.1034"
         ) from None
-    if not (-90.0 <= lat_deg <= 90.0 and -180.0 <= lon_deg <= 360.0):
+    if not (-90.0 <= lat_deg <= 90.0 and -360.0 <= lon_deg <= 360.0):
         raise ValueError(f"{text!r} is no place on Earth; latitude comes first")
-    return lat_deg, lon_deg
+    return lat_deg, wrapped_lon_deg(lon_deg)
 
 
 def known_place(
@@ -49,6 +50,16 @@ def known_place(
 ) -> KnownPlace:
     """The place in the elevation model. ``CalibrationError`` where that does not cover it."""
     dem = load_dem(dem_paths)
+    if not dem.shift.known:
+        raise CalibrationError(
+            f"{dem_paths[0]}: its datum is not known, so {option} may lie hundreds of metres off in it; write the CRS with its "
+            "datum into the file, with gdal_edit -a_srs EPSG:..."
+        )
+    if dem.heights.altitude_sigma_m:
+        raise CalibrationError(
+            f"{dem_paths[0]}: its elevations count from the ellipsoid, an altimeter's from the sea; bring them there, with "
+            "gdalwarp -t_srs EPSG:...+5773"
+        )
     row, col = (float(x) for x in lonlat_to_rowcol(dem, lon_deg, lat_deg))
     ground_m = float(dem.ground_m(row, col))
     if not np.isfinite(ground_m):

@@ -35,7 +35,7 @@ def recalibrate(directory: Path, calibrations: Sequence[AppliedCalibration], out
     bundle = load_bundle(directory)
     try:
         measurement = _measurement(bundle, with_calibrations(recorded_config(bundle), calibrations))
-    except (KeyError, TypeError, IndexError) as error:
+    except (KeyError, TypeError, IndexError, AttributeError, ValueError, ArithmeticError) as error:
         raise CalibrationError(
             f"{directory}: its raw readings are not all there ({error}); only bundles of rig capture can be recalibrated"
         ) from error
@@ -123,7 +123,16 @@ def _read_at(record: Record, joints: JointAngles, time: datetime, config: RigCon
             record["compass_temperature_c"],
         )
     headings = tuple(
-        HeadingReading(h["heading_deg"], h["reference"], h["variation_deg"], None, None, 0.0, time)
+        HeadingReading(
+            h["heading_deg"],
+            h["reference"],
+            h["variation_deg"],
+            None,
+            None,
+            0.0,
+            time,
+            **{key: h[key] for key in ("source", "deviation_deg", "resolution_deg", "estimated") if key in h},
+        )
         for h in record.get("headings", [])
     )
     level = _level(record["inclinometer"], config.inclinometer)
@@ -151,6 +160,8 @@ def _pressure(record: Record) -> MeanPressure:
         record["pressure_scatter_hpa"],
         record["temperature_c"],
         record["readings"],
+        record.get("resolution_hpa", 0.0),
+        record.get("source", ""),
     )
 
 

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 
+from localizer.os_errors import why_not_written
 from rig import clock
 from rig.calibrate.guide import Guide, TerminalGuide
 from rig.calibrate.naming import name_in_config
@@ -68,7 +69,7 @@ class Session:
         try:
             figure.savefig(picture)
         except OSError as error:
-            raise CalibrationError(f"{picture}: cannot be written: {error.strerror}") from error
+            raise CalibrationError(f"{picture}: {why_not_written(error)}") from error
         if self.as_json:
             found = {"file": str(path), "picture": str(picture), **document.model_dump(mode="json")}
             click.echo(json.dumps(found))

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from pyproj import Geod
 
 from localizer.dem import Dem
 from localizer.geodesy import enu_to_metric_jacobian, metric_to_rowcol, rowcol_to_lonlat, rowcol_to_metric
@@ -16,6 +17,7 @@ from rig.calibration import CalibrationError
 
 Vector = NDArray[np.float64]
 
+_GEOD = Geod(ellps="WGS84")
 CANDIDATES = 300
 STEEPEST_DEG = 12.0
 AZIMUTHS_DEG = np.arange(0.0, 360.0, 1.5)
@@ -49,9 +51,8 @@ def best_sites(
     ground_m = dem.ground_m(rows, cols)
     distances, elevations = _skylines(dem, rows, cols, ground_m + mast_height_m)
     sites: list[Site] = []
-    places_m = np.column_stack(rowcol_to_metric(dem, rows, cols))
     for i in range(len(rows)):
-        if _enclosed_share(dem, places_m[i], distances[i]) < ENCLOSED:
+        if _enclosed_share(dem, float(rows[i]), float(cols[i]), distances[i]) < ENCLOSED:
             continue
         azimuth_deg, tilt_deg = expected_sigmas_deg(elevations[i], distances[i], sigmas)
         lon, lat = rowcol_to_lonlat(dem, rows[i], cols[i])
@@ -117,12 +118,13 @@ def _skylines(dem: Dem, rows: Vector, cols: Vector, altitude_m: Vector) -> tuple
     return np.asarray(distance), np.asarray(elevation)
 
 
-def _enclosed_share(dem: Dem, place_m: Vector, distance_m: Vector) -> float:
+def _enclosed_share(dem: Dem, row: float, col: float, distance_m: Vector) -> float:
     """Of the skyline: terrain, and further inside the DEM than ``FROM_EDGE_M``."""
     azimuth = np.radians(AZIMUTHS_DEG)
     reach_m = np.where(np.isfinite(distance_m), distance_m, 0.0) + FROM_EDGE_M
-    x, y = place_m[0] + reach_m * np.sin(azimuth), place_m[1] + reach_m * np.cos(azimuth)
-    rows, cols = metric_to_rowcol(dem, x, y)
+    x, y = rowcol_to_metric(dem, row, col)
+    aside = enu_to_metric_jacobian(dem, row, col) @ (reach_m * np.stack([np.sin(azimuth), np.cos(azimuth)]))
+    rows, cols = metric_to_rowcol(dem, float(x) + aside[0], float(y) + aside[1])
     inside = (rows >= 0.0) & (rows <= dem.rows - 1.0) & (cols >= 0.0) & (cols <= dem.cols - 1.0)
     return float(np.mean(inside & np.isfinite(distance_m)))
 
@@ -141,6 +143,4 @@ def _apart(sites: Sequence[Site], count: int) -> list[Site]:
 
 
 def _apart_m(site: Site, other: Site) -> float:
-    north_m = 111_200.0 * (site.lat_deg - other.lat_deg)
-    east_m = 111_200.0 * (site.lon_deg - other.lon_deg) * np.cos(np.radians(site.lat_deg))
-    return float(np.hypot(north_m, east_m))
+    return float(_GEOD.inv(site.lon_deg, site.lat_deg, other.lon_deg, other.lat_deg)[2])

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from localizer.os_errors import why_not_written
 from rig.attitude.accelerometer import Triple
 from rig.calibration import CalibrationError
 from rig.config import InclinometerSection
@@ -51,9 +52,7 @@ def record_temperature_log(
                 count += 1
                 time.sleep(min(PERIOD_S, max(0.0, end_s - time.monotonic())))
     except OSError as error:
-        raise CalibrationError(
-            f"{path}: cannot be written: {error.strerror}; choose another with --out"
-        ) from error
+        raise CalibrationError(f"{path}: {why_not_written(error, 'choose another with --out')}") from error
     return count
 
 

@@ -17,9 +17,12 @@ from typing import Any, Literal, Protocol
 from localizer.fix import Fix
 from localizer.track.report import TrackHypothesis
 from localizer.track.tracker import Mode
+from rig.daemon.boot import asleep_s
 from rig.readings import Instant
 
 EVENTS_WAITING = 256
+SLEPT_S = 1.0
+"""Less is a difference of clocks."""
 
 TriggerSource = Literal["interval", "rest", "command", "http", "signal", "found"]
 """``found``: a bundle that lay in the spool, and nothing tells why it was taken."""
@@ -57,6 +60,10 @@ class Answer:
     vehicle_heading_deg: float | None
     """Of the vehicle's forward axis, from true north, corrected by the solved azimuth bias."""
     vehicle_heading_sigma_deg: float | None
+    before_start: bool = False
+    """Captured before the daemon began: nobody watched meanwhile whether the vehicle moved, so it is never current."""
+    wgs84_accuracy_m: float = 0.0
+    """What latitude and longitude are the more uncertain by than easting and northing: the way from the DEM's datum."""
 
 
 @dataclass(frozen=True)
@@ -85,8 +92,10 @@ class Snapshot:
     """The latest answer, whatever its status."""
     last_fix: Answer | None
     """The latest answer that is a fix: possibly of long ago."""
+    storage: str | None = None
+    """Why the spool takes no further bundle; None where it does."""
     moved: Instant | None = None
-    """When the vehicle was last seen to move: at rest since then, as far as anybody watches."""
+    """When the vehicle was last seen to move, or the computer slept: at rest since then, as far as anybody watches."""
     counts: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
 
     @property
@@ -142,12 +151,22 @@ class Board:
         self._events = 0
         self._devices: dict[str, DeviceHealth] = {}
         self._now = Snapshot(now, "starting", now, None, 0, (), None, None)
+        self._asleep_s = asleep_s()
 
     def snapshot(self) -> Snapshot:
         """The state at this moment."""
         with self._lock:
+            self._note_sleep()
             counts = MappingProxyType(dict(self._counts))
             return dataclasses.replace(self._now, devices=tuple(self._devices.values()), counts=counts)
+
+    def _note_sleep(self) -> None:
+        """A computer that was suspended has watched nothing, and its monotonic clock, which ages go by, stood still."""
+        now_s = asleep_s()
+        if now_s - self._asleep_s > SLEPT_S:
+            self._asleep_s = now_s
+            self._now = dataclasses.replace(self._now, moved=Instant.now())
+            self._counts["times asleep"] += 1
 
     def set_activity(self, activity: Activity) -> None:
         """Say what the daemon does from now on; the same again is no event."""
@@ -170,6 +189,13 @@ class Board:
                 self._now = dataclasses.replace(self._now, waiting=bundles)
                 self._tell("status", {"waiting": bundles})
 
+    def set_storage(self, problem: str | None) -> None:
+        """Say why the spool takes no further bundle, None where it does; the same again is no event."""
+        with self._lock:
+            if problem != self._now.storage:
+                self._now = dataclasses.replace(self._now, storage=problem)
+                self._tell("status", {"storage": problem})
+
     def set_device(self, name: str, state: DeviceState, detail: str) -> None:
         """Say how a device is; the same again is no event, and keeps the time since when."""
         with self._lock:
@@ -187,6 +213,11 @@ class Board:
             self._now = dataclasses.replace(self._now, last=answer, last_fix=last_fix)
             self._counts[f"answers {answer.fix.status}"] += 1
             self._tell("answer", {"bundle": answer.bundle, "status": answer.fix.status, "mode": answer.mode})
+
+    def restore(self, last: Answer, last_fix: Answer | None) -> None:
+        """Take over what was known before a restart. No event, and nothing to count: it has happened already."""
+        with self._lock:
+            self._now = dataclasses.replace(self._now, last=last, last_fix=last_fix)
 
     def set_moving(self) -> None:
         """Say that the vehicle moves at this moment; no event, for it may be said many times a second."""

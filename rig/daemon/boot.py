@@ -12,6 +12,11 @@ def boot_id() -> str:
     return Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii").strip()
 
 
+def asleep_s() -> float:
+    """How long this run of the computer has been suspended in all: the monotonic clock stands still meanwhile."""
+    return time.clock_gettime(time.CLOCK_BOOTTIME) - time.monotonic()
+
+
 def process_age_s() -> float:
     """Since the kernel started this process: loading of the interpreter and of its modules included. To 0.01 s."""
     behind_name = Path("/proc/self/stat").read_text(encoding="utf-8").rpartition(")")[2].split()

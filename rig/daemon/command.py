@@ -40,13 +40,14 @@ def run(config_file: Path | None) -> None:
 def trigger(config_file: Path | None, as_json: bool) -> int:
     """Ask the running daemon for a capture, and print its answer; the capture itself takes longer.
 
-    Ends with status 0 where one has been started, 3 busy, 4 not ready (rig status says why), 5 stopping; 2 where no rig run
-    of this configuration is there.
+    Ends with status 0 where one has been started, 3 busy, 4 not ready (it says why), 5 stopping; 2 where no rig run of this
+    configuration is there.
 
     Example: rig trigger --config vehicle.toml
     """
     answer = _answer(config_file, "trigger")
-    click.echo(json.dumps(answer) if as_json else answer["answer"])
+    said = f"{answer['answer']}: {answer['why']}" if "why" in answer else answer["answer"]
+    click.echo(json.dumps(answer) if as_json else said)
     return EXIT_STATUS[answer["answer"]]
 
 

@@ -1,12 +1,15 @@
 """``[run]`` of the configuration: what the daemon does by itself, and where it publishes."""
 
 import re
-import tomllib
 from pathlib import Path
 from typing import Annotated, Literal, Self, get_args
 
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
+from localizer.dem_names import beside
+from localizer.dem_options import DemChoice
+from localizer.documents import DocumentError, read_toml
+from localizer.elevation_units import VERTICAL_UNITS
 from rig.config_section import Section
 
 
@@ -15,6 +18,12 @@ def _host_port(text: str) -> str:
     if not matched or int(matched[2]) > 65535:
         raise ValueError(f"{text!r} is no address; give HOST:PORT, for example 127.0.0.1:10110")
     return text
+
+
+def _vertical_unit(name: str) -> str:
+    if name not in VERTICAL_UNITS:
+        raise ValueError(f"{name!r} is no unit of elevations; give one of {', '.join(VERTICAL_UNITS)}")
+    return name
 
 
 def host_and_port(address: str) -> tuple[str, int]:
@@ -46,6 +55,10 @@ class OdometryInput(Section):
     listen: HostPort = "127.0.0.1:10111"
     speed_sigma_share: Annotated[float, Field(gt=0.0, le=1.0)] = 0.03
     heading_sigma_deg: Annotated[float, Field(gt=0.0, le=180.0)] = 3.0
+    require_checksum: bool = True
+    """Of NMEA sentences; UDP has one of its own."""
+    accept_estimated: bool = False
+    """Whether a speed of mode E counts: dead reckoning, which wheels and gyros may well do, and a receiver guesses."""
 
 
 class SearchLimits(Section):
@@ -111,6 +124,14 @@ class RunSection(Section):
     dem: Files
     dem_error_m: Annotated[float, Field(gt=0.0, le=1000.0)] | None = None
     """One standard deviation of its elevations, where it is known."""
+    dem_vertical_unit: Annotated[str, AfterValidator(_vertical_unit)] | None = None
+    dem_crs: Annotated[str, Field(min_length=1)] | None = None
+    dem_nodata: float | None = None
+    dem_band: Annotated[int, Field(ge=1)] | None = None
+    dem_scale: Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)] | None = None
+    """These five say of the files what they do not say themselves; as the options of ``localizer locate``."""
+    dem_geoid_offset_m: Annotated[float, Field(gt=-120.0, lt=120.0)] | None = None
+    """The geoid's height above the ellipsoid, where the elevations count from that."""
     every_s: OptionalSeconds = None
     """A capture so often; none by the clock where absent."""
     retry_least_s: Seconds = 1.0
@@ -134,6 +155,20 @@ class RunSection(Section):
             raise ValueError("[run] retry_least_s is longer than retry_most_s")
         return self
 
+    @property
+    def chosen_dem(self) -> DemChoice:
+        """The elevation files and all that is said of them."""
+        return DemChoice(
+            self.dem,
+            self.dem_vertical_unit,
+            self.dem_crs,
+            self.dem_nodata,
+            self.dem_error_m,
+            self.dem_band,
+            self.dem_scale,
+            self.dem_geoid_offset_m,
+        )
+
     def beside(self, folder: Path) -> "RunSection":
         """The same with relative paths taken from ``folder``."""
         http = self.http
@@ -143,7 +178,7 @@ class RunSection(Section):
         return self.model_copy(
             update={
                 "control": folder / self.control if self.control else spool_dir / "control.sock",
-                "dem": tuple(folder / file for file in self.dem),
+                "dem": tuple(beside(folder, file) for file in self.dem),
                 "spool": self.spool.model_copy(update={"dir": spool_dir}),
                 "http": http,
             }
@@ -156,16 +191,14 @@ def control_in_bad(path: Path) -> Path | None:
     A daemon that has refused it goes on with the one before, and whoever wants to know why has to reach it.
     """
     try:
-        with path.open("rb") as file:
-            named = tomllib.load(file)["run"]
+        named = read_toml(path)["run"]
         told = {"control": named["control"]} if "control" in named else {}
         if "dir" in named.get("spool", {}):
             told["spool"] = {"dir": named["spool"]["dir"]}
         return RunSection.model_validate({"dem": ["any"], **told}).beside(path.parent).control
     except (
         OSError,
-        UnicodeDecodeError,
-        tomllib.TOMLDecodeError,
+        DocumentError,
         KeyError,
         TypeError,
         AttributeError,

@@ -1,26 +1,41 @@
 """The daemon's control socket: one JSON object a line from whoever may write to it, one line back.
 
-{"do": "trigger"}   {"answer": "started"}
+{"do": "trigger"}   {"answer": "started"}, {"answer": "not ready", "why": "camera: ..."}
 {"do": "status"}    the board, ``skyfix.status/1``
 anything else       {"error": "..."}
 """
 
 import json
+import logging
 import os
+import selectors
 import socket
+import stat
 import threading
+import time
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from localizer.documents import DocumentError, json_values
 from rig.daemon.board import Actions, Board
+from rig.daemon.obstacle import reason
 from rig.daemon.status import status_json
 from rig.errors import RigError
 
+_log = logging.getLogger(__name__)
+
 LONGEST_REQUEST = 4096
-CLIENT_S = 1.0
-"""Whoever connects has to say what he wants within this time."""
+LONGEST_ANSWER = 8_000_000
+CLIENT_S = 2.0
+"""Whoever connects has said what he wants and taken the answer within this time, however he spreads it."""
+MOST_CLIENTS = 16
+"""The one that has been there the longest goes when another comes: it has had more time than an honest one needs."""
+BACKLOG = 128
+"""So many may come at once and wait to be taken in."""
+POLL_S = 0.25
 LONGEST_PATH = 107  # sockaddr_un
 
 
@@ -28,25 +43,34 @@ class ControlError(RigError):
     """The daemon cannot be spoken to."""
 
 
+@dataclass
+class _Client:
+    socket: socket.socket
+    until_s: float
+    heard: bytearray = field(default_factory=bytearray)
+    to_say: bytes | None = None
+    """None while it has not asked."""
+
+
 class ControlSocket:
-    """Listens until it is told to stop; its file is there as long as it does."""
+    """Listens until it is told to stop; its file is there as long as it does. No client waits for another."""
 
     def __init__(self, path: Path, board: Board, actions: Actions) -> None:
         """``ControlError`` where there can be no socket."""
         self._path = path
         self._board = board
         self._actions = actions
+        self._clients: dict[int, _Client] = {}
         if len(os.fsencode(path)) > LONGEST_PATH:
             raise ControlError(f"{path}: too long for a socket's name; give a shorter one in [run] control")
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.unlink(
-                missing_ok=True
-            )  # of a daemon that was killed: the spool's lock says that there is no other
+            _take_away_old(path)
             self._socket.bind(str(path))
             path.chmod(0o660)
-            self._socket.listen(8)
+            self._socket.listen(BACKLOG)
+            self._socket.setblocking(False)
         except OSError as error:
             self._socket.close()
             raise ControlError(
@@ -59,61 +83,124 @@ class ControlSocket:
         self._path.unlink(missing_ok=True)
 
     def run(self, beat: Callable[[], None], stop: threading.Event) -> None:
-        """Answer one after the other until ``stop``: every answer is there at once."""
-        self._socket.settimeout(0.5)
-        while not stop.is_set():
-            beat()
+        """Answer until ``stop``: every answer is there at once."""
+        with selectors.DefaultSelector() as selector:
+            selector.register(self._socket, selectors.EVENT_READ)
+            while not stop.is_set():
+                beat()
+                for key, _ in selector.select(POLL_S):
+                    if key.fileobj is self._socket:
+                        self._accept(selector, stop)
+                    elif key.fd in self._clients:
+                        self._serve(selector, self._clients[key.fd])
+                now_s = time.monotonic()
+                for client in [each for each in self._clients.values() if each.until_s <= now_s]:
+                    self._drop(selector, client)
+            for client in list(self._clients.values()):
+                self._drop(selector, client)
+
+    def _accept(self, selector: selectors.BaseSelector, stop: threading.Event) -> None:
+        for _ in range(BACKLOG):
             try:
-                client, _ = self._socket.accept()
-            except TimeoutError:
-                continue
-            with client, suppress(OSError):  # a client that goes away has no use for an answer
-                client.settimeout(CLIENT_S)
-                client.sendall(json.dumps(self._answer(_line(client))).encode() + b"\n")
+                accepted, _ = self._socket.accept()
+            except BlockingIOError:
+                return
+            except OSError as error:  # gone again, or no descriptor is left: then it would fail on and on
+                _log.warning("control: a client could not be taken in: %s", error.strerror)
+                stop.wait(POLL_S)
+                return
+            if len(self._clients) >= MOST_CLIENTS:
+                self._drop(selector, min(self._clients.values(), key=lambda client: client.until_s))
+            accepted.setblocking(False)
+            client = _Client(accepted, time.monotonic() + CLIENT_S)
+            self._clients[accepted.fileno()] = client
+            selector.register(accepted, selectors.EVENT_READ)
+            self._serve(
+                selector, client
+            )  # an honest one has asked already, and does not wait behind the others
+
+    def _serve(self, selector: selectors.BaseSelector, client: _Client) -> None:
+        """One step: hear more of the question, or say more of the answer."""
+        try:
+            if client.to_say is None:
+                part = client.socket.recv(LONGEST_REQUEST)
+                client.heard += part
+                if part and b"\n" not in part and len(client.heard) < LONGEST_REQUEST:
+                    return
+                client.to_say = json.dumps(self._answer(bytes(client.heard))).encode() + b"\n"
+                selector.modify(client.socket, selectors.EVENT_WRITE)
+            client.to_say = client.to_say[client.socket.send(client.to_say) :]
+        except (BlockingIOError, InterruptedError):
+            return
+        except OSError:  # a client that goes away has no use for an answer
+            client.to_say = b""
+        if not client.to_say:
+            self._drop(selector, client)
+
+    def _drop(self, selector: selectors.BaseSelector, client: _Client) -> None:
+        del self._clients[client.socket.fileno()]
+        selector.unregister(client.socket)
+        client.socket.close()
 
     def _answer(self, line: bytes) -> dict[str, Any]:
         try:
-            request = json.loads(line)
+            request = json_values(line.split(b"\n", 1)[0], LONGEST_REQUEST)
             wish = request["do"]
-        except (ValueError, TypeError, KeyError):
+        except (DocumentError, TypeError, KeyError):
             return {"error": 'give one line of JSON, {"do": "trigger"} or {"do": "status"}'}
         match wish:
             case "trigger":
-                return {"answer": self._actions.trigger("command")}
+                answer = self._actions.trigger("command")
+                why = {"why": reason(self._board)} if answer == "not ready" else {}
+                return {"answer": answer, **why}
             case "status":
                 return status_json(self._board.snapshot())
         return {"error": f"cannot do {wish!r}, only trigger and status"}
 
 
+def _take_away_old(path: Path) -> None:
+    """The socket of a daemon that was killed: the spool's lock says that there is no other. Nothing else is taken away."""
+    with suppress(FileNotFoundError):
+        if not stat.S_ISSOCK(path.lstat().st_mode):
+            raise ControlError(f"{path}: is something else than a socket; take it away, or see [run] control")
+        path.unlink()
+
+
 def ask(path: Path, wish: str, timeout_s: float = 10.0) -> dict[str, Any]:
-    """What the daemon answers. ``ControlError`` where none listens at ``path``, or it does not answer."""
+    """What the daemon answers. ``ControlError`` where none listens at ``path``, or it does not answer in time."""
+    until_s = time.monotonic() + timeout_s
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as daemon:
         daemon.settimeout(timeout_s)
+        line = b""
         try:
             daemon.connect(str(path))
             daemon.sendall(json.dumps({"do": wish}).encode() + b"\n")
-            line = _line(daemon, None)
+            while b"\n" not in line and len(line) <= LONGEST_ANSWER:
+                daemon.settimeout(max(0.001, until_s - time.monotonic()))
+                part = daemon.recv(1 << 16)
+                if not part:
+                    break
+                line += part
         except (FileNotFoundError, ConnectionRefusedError):
             raise ControlError(
                 f"{path}: no rig run listens there; start it, with the same configuration"
             ) from None
+        except PermissionError as error:
+            raise ControlError(
+                f"{path}: this user may not reach it: {error.strerror}; join the group of the socket, often skyfix, or use sudo"
+            ) from error
+        except TimeoutError as error:
+            raise ControlError(
+                f"{path}: rig run does not answer within {timeout_s:g} s; see its log (journalctl -u skyfix)"
+            ) from error
         except OSError as error:
             raise ControlError(f"{path}: rig run does not answer: {error.strerror or error}") from error
     try:
-        answer: dict[str, Any] = json.loads(line)
-    except ValueError:
+        answer = json_values(line, LONGEST_ANSWER)
+    except DocumentError:
         raise ControlError(f"{path}: rig run ended before it answered") from None
+    if not isinstance(answer, dict):
+        raise ControlError(f"{path}: what listens there is no rig run; see [run] control")
     if "error" in answer:
         raise ControlError(f"{path}: {answer['error']}")
     return answer
-
-
-def _line(other: socket.socket, most: int | None = LONGEST_REQUEST) -> bytes:
-    """What comes up to the end of a line, or of the connection."""
-    text = b""
-    while b"\n" not in text and (most is None or len(text) < most):
-        part = other.recv(LONGEST_REQUEST)
-        if not part:
-            break
-        text += part
-    return text

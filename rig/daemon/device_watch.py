@@ -10,15 +10,15 @@ import structlog
 
 from rig.config import RigConfig
 from rig.daemon.board import Board
+from rig.daemon.obstacle import NEEDED, obstacle
 from rig.daemon.servo_restarts import ServoRestarts, restart_servos
 from rig.errors import RigError
 from rig.watch.sources import Opener, sources_of
 
+__all__ = ["DeviceWatch", "Hardware", "all_tried", "next_wait_s", "note_device", "obstacle"]
+
 _log = structlog.get_logger(__name__)
 
-NEEDED = ("head", "inclinometer", "camera")
-"""Without these there is no capture. Without a compass the search turns the whole circle, without an altimeter it looks at
-every altitude."""
 ALL = ("head", "inclinometer", "compass", "altimeter", "camera")
 POLL_S = 0.25
 
@@ -169,12 +169,3 @@ def note_device(board: Board, name: str, problem: str | None, identity: str) -> 
 def all_tried(board: Board) -> bool:
     """Whether every device has been asked once, and is known to work or not to."""
     return all(d.state != "connecting" for d in board.snapshot().devices if d.name in ALL)
-
-
-def obstacle(board: Board) -> str | None:
-    """Why no capture is possible: the daemon has not started yet, or needed devices do not work."""
-    now = board.snapshot()
-    if now.activity in ("starting", "connecting"):
-        return "still starting"
-    missing = [d.name for d in now.devices if d.name in NEEDED and d.state != "ok"]
-    return f"{', '.join(missing)} not ready" if missing else None

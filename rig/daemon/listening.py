@@ -1,8 +1,22 @@
 """Addresses of the configuration as sockets."""
 
+import errno
 import socket
 
 from rig.errors import RigError
+
+
+def why_not_listening(error: OSError) -> str:
+    """Why an address cannot be listened on, and what to do."""
+    remedy = {
+        errno.EADDRINUSE: "end what listens there (another rig run?), or give another port",
+        errno.EACCES: "give a port from 1024 on: those below are for root",
+        errno.EADDRNOTAVAIL: "this computer has no such address: give one of its own, or 0.0.0.0",
+        errno.EAFNOSUPPORT: "this computer has no IPv6: give an IPv4 address",
+    }.get(error.errno or 0, "give another address")
+    if isinstance(error, socket.gaierror):
+        remedy = "the name is not known: give an address"
+    return f"{error.strerror or error}; {remedy}"
 
 
 def split(address: str) -> tuple[str, int]:
@@ -18,12 +32,10 @@ def bound_udp(address: str, key: str) -> socket.socket:
         family, kind, protocol, _, where = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
         receiver = socket.socket(family, kind, protocol)
     except OSError as error:
-        raise RigError(f"{key}: {address}: {error.strerror}") from error
+        raise RigError(f"{key}: {address}: {why_not_listening(error)}") from error
     try:
         receiver.bind(where)
     except OSError as error:
         receiver.close()
-        raise RigError(
-            f"{key}: cannot listen on {address}: {error.strerror}; is another rig run there?"
-        ) from error
+        raise RigError(f"{key}: cannot listen on {address}: {why_not_listening(error)}") from error
     return receiver

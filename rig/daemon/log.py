@@ -1,4 +1,4 @@
-"""The daemon's log: one line an event, with its values as ``key=value``, on standard error.
+"""The daemon's log: one line an event, with its values as ``key=value``, on standard error. The same line seldom (``seldom``).
 
 Under systemd (``JOURNAL_STREAM`` names standard error) each line begins with its priority, ``<6>`` and the like, and the
 journal knows the time; elsewhere it begins with the time. What other modules log in sentences comes out in the same form.
@@ -9,12 +9,14 @@ import os
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 
 import structlog
 from structlog.typing import EventDict, WrappedLogger
 
 from rig.clock import utc_now
 from rig.daemon.board import Board
+from rig.daemon.seldom import Seldom
 
 PRIORITIES = {"critical": 2, "error": 3, "warning": 4, "info": 6, "debug": 7}
 """Of syslog(3), as sd-daemon(3) wants them in front of a line."""
@@ -36,15 +38,16 @@ def logging_to(board: Board, environment: Mapping[str, str] = os.environ) -> Ite
     begin = _priority if goes_to_the_journal(environment) else _time
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(_formatter([begin, _line]))
-    handlers: list[logging.Handler] = [handler, _ToBoard(board)]
+    seldom = Seldom(handler, _ToBoard(board), tell=partial(board.count, "log lines left out"))
     root = logging.getLogger()
-    old, root.handlers = root.handlers, handlers
+    old, root.handlers = root.handlers, [seldom]
     root.setLevel(logging.INFO)
     # What was overcome is in the bundle; a bad contact would fill the log with it.
     logging.getLogger("rig.fault_notes").setLevel(logging.WARNING)
     try:
         yield
     finally:
+        seldom.close()
         root.handlers = old
 
 

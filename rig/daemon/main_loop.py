@@ -17,9 +17,10 @@ from rig.daemon.captures import Captures
 from rig.daemon.config import RunSection
 from rig.daemon.device_watch import all_tried, obstacle
 from rig.daemon.memory import give_back
+from rig.daemon.named_files import check_named_files
 from rig.daemon.notify import Notifier
 from rig.daemon.odometry import Odometer
-from rig.daemon.search import Search
+from rig.daemon.search import Search, restore
 from rig.daemon.search_process import SearchProcess
 from rig.daemon.spool import ODOMETER, Spool, SpoolError
 from rig.daemon.triggers import Triggers
@@ -58,12 +59,12 @@ def run_of(config: RigConfig, path: Path) -> RunSection:
 
 def start_worker(run: RunSection) -> SearchProcess:
     """A search process, which has still to read its DEM."""
-    return SearchProcess(run.dem, run.search.memory_mb, run.search.time_s, dem_error_m=run.dem_error_m)
+    return SearchProcess(run.dem, run.search.memory_mb, run.search.time_s, chosen_dem=run.chosen_dem)
 
 
 def _searched(run: RunSection) -> tuple[object, ...]:
     """What a search process is started with."""
-    return run.dem, run.dem_error_m, run.search
+    return run.chosen_dem, run.search
 
 
 def worker_with_terrain(run: RunSection, beat: Callable[[], None]) -> SearchProcess:
@@ -189,7 +190,10 @@ class MainLoop:
             config = load_config(self._path)
             run = run_of(config, self._path)
             same = _searched(run) == _searched(self._run)
-            return Following(config, None if same else worker_with_terrain(run, beat))
+            if same:
+                return Following(config, None)
+            check_named_files(run, self._path)
+            return Following(config, worker_with_terrain(run, beat))
         except SkyfixError as error:
             refused(self._board, str(error))
             self._notifier.ready(self._status)
@@ -199,6 +203,10 @@ class MainLoop:
         if abs(clock.step_s()) > CLOCK_STEP_S:
             _log.warning("wall clock stepped", by_s=round(clock.step_s(), 1))
             clock.begin_session()
+            try:
+                restore(self._board, self._spool)
+            except SpoolError as error:
+                _log.error("spool fails", problem=str(error))
         status = status_line(self._board.snapshot())
         if status != self._status:
             self._status = status
@@ -237,6 +245,8 @@ def refused(board: Board, problem: str) -> None:
 def status_line(snapshot: Snapshot) -> str:
     """How the daemon is, for people: what it does, what ails it, and the last fix with its time, which does not grow old."""
     parts: list[str] = [snapshot.activity]
+    if wrong := clock.problem():
+        parts.append(wrong)
     failing = [device.name for device in snapshot.devices if device.state == "failing"]
     if failing:
         parts.append(f"{', '.join(failing)} failing")

@@ -10,7 +10,7 @@ from typing import Any
 
 from rig.daemon.board import Board
 from rig.daemon.config import MavlinkOutput
-from rig.daemon.mavlink_link import Link, check, opened
+from rig.daemon.mavlink_link import Link, check, opened, why_no_link
 from rig.daemon.mavlink_messages import dialect, external_position_estimate, gps_input, heartbeat
 from rig.daemon.progress import Loops
 from rig.daemon.published import PublishedFix, current_fix, lapsed
@@ -61,7 +61,11 @@ class _Publisher:
         latest = board.snapshot().last_fix
         self._sent_up_to_s = latest.captured.monotonic_s if latest else float("-inf")
         """Captures up to here have been sent: none is sent twice, and none after a later one."""
-        self._seen = latest.bundle if latest else None
+        newest = board.snapshot().last
+        self._seen = newest.bundle if newest else None
+        self._heard = False
+        self._owed = False
+        """The current fix was sent where no autopilot was heard, or one that has gone: who comes now has not got it."""
 
     def run(self, stop: threading.Event, loops: Loops | None) -> None:
         """Keep a link until ``stop``."""
@@ -75,7 +79,9 @@ class _Publisher:
                             if loops is not None:
                                 loops.beat(NAME)
                 except (OSError, DeviceError) as error:
-                    self._board.set_device(NAME, "failing", f"{self._section.connection}: {error}")
+                    self._board.set_device(
+                        NAME, "failing", f"{self._section.connection}: {why_no_link(error)}"
+                    )
                     if loops is not None:
                         loops.beat(NAME, within_s=wait_s + LOOP_LONGEST_S)
                     stop.wait(wait_s)
@@ -96,8 +102,15 @@ class _Publisher:
         if fix is not None and fix.captured.monotonic_s > self._sent_up_to_s:
             session.send_fix(fix, now)
             self._sent_up_to_s = fix.captured.monotonic_s
+            self._owed = not session.heard
+        elif fix is not None and self._owed and session.heard:
+            session.send_fix_late(fix, now)
+            self._owed = False
         elif fix is not None:
             session.send_again(fix, now)
+        if self._heard and not session.heard:
+            self._owed = True
+        self._heard = session.heard
         last = snapshot.last
         if last is not None and last.bundle != self._seen:
             self._seen = last.bundle
@@ -147,12 +160,19 @@ class _Session:
 
     def send_fix(self, fix: PublishedFix, now: Instant) -> None:
         """Send a fix in each of the configured ways."""
+        self._send(fix, now)
+        self._board.count("mavlink fixes sent")
+
+    def send_fix_late(self, fix: PublishedFix, now: Instant) -> None:
+        """Send a fix that nobody has heard to the autopilot that has come since; the count has it already."""
+        self._send(fix, now)
+
+    def _send(self, fix: PublishedFix, now: Instant) -> None:
         if "EXTERNAL_POSITION_ESTIMATE" in self._section.messages:
             self._command(fix, now)
             self._times = 1
         if "GPS_INPUT" in self._section.messages:
             self._mav.send(gps_input(self._common, fix, now.utc))
-        self._board.count("mavlink fixes sent")
 
     def send_again(self, fix: PublishedFix, now: Instant) -> None:
         """Send the command of the latest fix again where an autopilot is heard that should have answered it."""

@@ -4,6 +4,7 @@
 what begins with a slash is a serial port.
 """
 
+import errno
 import socket
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
@@ -12,7 +13,7 @@ from typing import Protocol
 from rig.bus.deadline import Deadline
 from rig.bus.serial_port import SerialPort
 from rig.daemon.config import host_and_port
-from rig.errors import ConfigError
+from rig.errors import ConfigError, DeviceError
 
 CONNECT_TIMEOUT_S = 5.0
 MOST_BYTES = 65_536
@@ -49,6 +50,23 @@ def opened(connection: str, baud: int) -> Iterator[Link]:
             sock.connect(found)
         sock.setblocking(False)
         yield _Answering(sock) if kind == "udpin" else _Connected(sock, is_stream=kind == "tcp")
+
+
+def why_no_link(error: OSError | DeviceError) -> str:
+    """Why there is no link, and what to do."""
+    if isinstance(error, DeviceError):
+        return str(error)
+    remedy = {
+        errno.ECONNREFUSED: "nothing listens there: start the autopilot's end, or correct [run.mavlink] connection",
+        errno.EADDRINUSE: "end what listens there, or give another port in [run.mavlink] connection",
+        errno.ENETUNREACH: "see the network on the way",
+        errno.EHOSTUNREACH: "see the network on the way",
+    }.get(error.errno or 0, "correct [run.mavlink] connection, or see the network on the way")
+    if isinstance(error, TimeoutError):
+        remedy = "see that the autopilot is on, and the network on the way"
+    elif isinstance(error, socket.gaierror):
+        remedy = "the name is not known: correct [run.mavlink] connection"
+    return f"{error.strerror or error}; {remedy}"
 
 
 KINDS = ("udpout", "udpin", "tcp")

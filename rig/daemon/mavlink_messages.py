@@ -5,6 +5,7 @@ from datetime import UTC, datetime, timedelta
 from types import ModuleType
 from typing import Any
 
+from rig.clock import problem
 from rig.daemon.published import PublishedFix
 from rig.errors import ConfigError
 from rig.readings import Instant
@@ -48,14 +49,19 @@ def external_position_estimate(common: ModuleType, fix: PublishedFix, now: Insta
         param3=fix.sigma_major_m,  # one number for both directions: the worse
         param4=0.0,
         x=_deg_e7(fix.lat_deg),
-        y=_deg_e7(fix.lon_deg),
+        y=_lon_e7(fix.lon_deg),
         z=math.nan,
     )
 
 
 def gps_input(common: ModuleType, fix: PublishedFix | None, utc: datetime) -> Any:
-    """As from a GPS without satellites: a fix, once, or that there is none at the time ``utc``."""
+    """As from a GPS without satellites: a fix, once, or that there is none at the time ``utc``.
+
+    Without a time, which is 0, where the computer's clock cannot have been right: an autopilot sets its own by it.
+    """
     at = utc if fix is None else fix.utc
+    if problem(at):
+        at = GPS_EPOCH - timedelta(seconds=GPS_AHEAD_OF_UTC_S)
     week, in_week = divmod(at - GPS_EPOCH + timedelta(seconds=GPS_AHEAD_OF_UTC_S), WEEK)
     ignored = (
         common.GPS_INPUT_IGNORE_FLAG_HDOP
@@ -74,14 +80,14 @@ def gps_input(common: ModuleType, fix: PublishedFix | None, utc: datetime) -> An
     if fix is not None:
         fix_type = common.GPS_FIX_TYPE_2D_FIX if altitude_m is None else common.GPS_FIX_TYPE_3D_FIX
     return common.MAVLink_gps_input_message(
-        time_usec=round(at.timestamp() * 1e6),
+        time_usec=round(at.timestamp() * 1e6) if week else 0,
         gps_id=0,
         ignore_flags=ignored,
         time_week_ms=in_week // timedelta(milliseconds=1),
         time_week=week,
         fix_type=fix_type,
         lat=0 if fix is None else _deg_e7(fix.lat_deg),
-        lon=0 if fix is None else _deg_e7(fix.lon_deg),
+        lon=0 if fix is None else _lon_e7(fix.lon_deg),
         alt=0.0 if altitude_m is None else altitude_m,
         hdop=0.0,
         vdop=0.0,
@@ -98,6 +104,11 @@ def gps_input(common: ModuleType, fix: PublishedFix | None, utc: datetime) -> An
 
 def _deg_e7(angle_deg: float) -> int:
     return round(angle_deg * 1e7)
+
+
+def _lon_e7(lon_deg: float) -> int:
+    """-180 <= lon < 180, after rounding, too."""
+    return (_deg_e7(lon_deg) + 1_800_000_000) % 3_600_000_000 - 1_800_000_000
 
 
 def _yaw_cdeg(heading_deg: float | None) -> int:

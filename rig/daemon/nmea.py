@@ -7,9 +7,10 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass
 
+from rig.clock import problem as clock_problem
 from rig.daemon.board import Answer, Board
 from rig.daemon.config import NmeaOutput
-from rig.daemon.nmea_sentences import epoch
+from rig.daemon.nmea_sentences import epoch, epoch_for_anybody
 from rig.daemon.progress import Loops
 from rig.daemon.published import current_fix, lapsed
 from rig.daemon.tcp_broadcast import TcpBroadcast
@@ -75,7 +76,8 @@ class _Publisher:
         self._board = board
         self._server = server
         self._targets = targets
-        self._seen: str | None = None
+        latest = board.snapshot().last
+        self._seen = latest.bundle if latest else None
 
     def run(self, stop: threading.Event, loops: Loops | None) -> None:
         """Send an epoch whenever one is due, by the clock that does not step, until ``stop``."""
@@ -102,11 +104,14 @@ class _Publisher:
         if snapshot.last is not None and snapshot.last.bundle != self._seen:
             self._seen = snapshot.last.bundle
             self._tell_if_lapsed(snapshot.last, lapsed(snapshot.last, snapshot, now, self._section.valid_s))
-        sentences = epoch(fix, now.utc, self._section.quality, self._section.sentences)
+        how = now.utc, self._section.quality, self._section.sentences
+        dated = not any(clock_problem(utc) for utc in (now.utc, now.utc if fix is None else fix.utc))
         if self._server is not None:
-            self._server.send(sentences)
+            # who connects in the middle of a fix would never see its time change, and gpsd would not know where it ends
+            first = b"" if fix is None else epoch(None, *how, dated=dated)
+            self._server.send(epoch(fix, *how, dated=dated), first=first)
         for target in self._targets:
-            target.send(sentences)
+            target.send(epoch_for_anybody(fix, *how, dated=dated))
 
     def _tell_if_lapsed(self, answer: Answer, why: str | None) -> None:
         if answer.fix.status == "fix" and why is not None:

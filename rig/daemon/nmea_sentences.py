@@ -12,6 +12,8 @@ from rig.sensors.nmea import checksum
 
 TALKER = "GP"
 """QGIS hears no other: neither II nor IN."""
+RMC_DATE = 8
+"""Which of its fields."""
 MINUTE_DECIMALS = 5
 """Two centimetres."""
 _MODE = {1: "A", 6: "E"}
@@ -20,14 +22,57 @@ _MODE = {1: "A", 6: "E"}
 Fields = list[str]
 
 
-def epoch(fix: PublishedFix | None, utc: datetime, quality: int, kinds: Collection[SentenceKind]) -> bytes:
+def epoch(
+    fix: PublishedFix | None,
+    utc: datetime,
+    quality: int,
+    kinds: Collection[SentenceKind],
+    *,
+    dated: bool = True,
+) -> bytes:
     """The sentences of one moment, in the order in which gpsd makes one report of them.
 
     Times of a position are those of its capture: repeated, it does not look new. ``utc`` is the present, for ZDA and
     for the sentences that say that there is no position.
+
+    Not ``dated``: the clock cannot be right, so there is no ZDA, and no date in RMC, for who hears them may set another clock
+    by them. The time of day stays, by which gpsd tells one epoch from the next.
     """
-    chosen = ((kind, fields_of(fix, utc, quality)) for kind, fields_of in _FIELDS.items() if kind in kinds)
-    return b"".join(sentence(kind, fields) for kind, fields in chosen if fields is not None)
+    return _sentences(fix, utc, quality, [kind for kind in _FIELDS if kind in kinds], dated)
+
+
+def epoch_for_anybody(
+    fix: PublishedFix | None,
+    utc: datetime,
+    quality: int,
+    kinds: Collection[SentenceKind],
+    *,
+    dated: bool = True,
+) -> bytes:
+    """The same for whoever may have begun to listen in the middle of a fix, which a datagram cannot know.
+
+    gpsd learns what ends a report where the time changes from one sentence to the next, and of a fix that is repeated
+    no time changes. So GBS comes last, and once more without values at the present time.
+    """
+    chosen = [kind for kind in _FIELDS if kind in kinds and kind != "GBS"]
+    if "GBS" not in kinds:
+        return _sentences(fix, utc, quality, chosen, dated)
+    closing = b"" if fix is None else _sentences(None, utc, quality, ["GBS"], dated)
+    return _sentences(fix, utc, quality, [*chosen, "GBS"], dated) + closing
+
+
+def _sentences(
+    fix: PublishedFix | None, utc: datetime, quality: int, kinds: Collection[SentenceKind], dated: bool
+) -> bytes:
+    chosen = ((kind, _FIELDS[kind](fix, utc, quality)) for kind in kinds if dated or kind != "ZDA")
+    told = (
+        (kind, fields if dated else _dateless(kind, fields)) for kind, fields in chosen if fields is not None
+    )
+    return b"".join(sentence(kind, fields) for kind, fields in told)
+
+
+def _dateless(kind: str, fields: Fields) -> Fields:
+    return [*fields[:RMC_DATE], "", *fields[RMC_DATE + 1 :]] if kind == "RMC" else fields
 
 
 def sentence(kind: str, fields: Fields) -> bytes:

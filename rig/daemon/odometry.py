@@ -4,7 +4,6 @@ import math
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 import structlog
@@ -14,12 +13,12 @@ from localizer.track.odometry import Movement, parse_leg
 from rig.daemon.boot import boot_id
 from rig.daemon.config import OdometryInput
 from rig.daemon.listening import bound_udp
+from rig.daemon.velocity import StaleClock, Velocity, velocity_in
 from rig.errors import MessageError
-from rig.sensors.nmea import Sentence, parse_sentence
+from rig.sensors.nmea import parse_sentence
 
 _log = structlog.get_logger(__name__)
 
-KNOT_M_S = 1852.0 / 3600.0
 GAP_S = 3.0
 """Speeds further apart than this say nothing of what was between them ..."""
 BRIDGED_S = 60.0
@@ -31,12 +30,9 @@ MISSED_LEGS_M_S = 15.0
 INDEPENDENT_M = 50.0
 """Slip and steering after so much way are independent of those before."""
 FLOOR_M = 0.5
-CREEPING_M_S = 0.1
-"""Up to here a course is worth nothing, and need not be said."""
 STANDING_M_S = 0.3
 """Up to here it may be the noise of a vehicle that stands."""
 LARGEST_DATAGRAM = 4096
-FASTEST_M_S = 150.0
 
 
 class Way(BaseModel):
@@ -65,14 +61,6 @@ class Way(BaseModel):
     """East and north, when last heard of; of one without a course only the size counts. At that monotonic time:"""
     heard_s: float = 0.0
     without_course: bool = False
-
-
-@dataclass(frozen=True)
-class Velocity:
-    """Speed over ground and true course; None where that was not said."""
-
-    speed_m_s: float
-    course_deg: float | None
 
 
 class Odometer:
@@ -232,33 +220,6 @@ def _sum(first: tuple[float, float], second: tuple[float, float]) -> tuple[float
     return first[0] + second[0], first[1] + second[1]
 
 
-def velocity_in(sentence: Sentence) -> Velocity | None:
-    """What VTG or RMC says of the movement; None for other sentences and for those that are not valid.
-
-    ``MessageError`` for what makes no sense.
-    """
-    if sentence.kind == "VTG":
-        if sentence.field(8) == "N":
-            return None
-        kmh, knots = sentence.optional_number(6), sentence.optional_number(4)
-        speed_m_s = kmh / 3.6 if kmh is not None else None if knots is None else knots * KNOT_M_S
-        course_deg = sentence.optional_number(0)
-    elif sentence.kind == "RMC":
-        if sentence.field(1) != "A":
-            return None
-        knots, course_deg = sentence.optional_number(6), sentence.optional_number(7)
-        speed_m_s = None if knots is None else knots * KNOT_M_S
-    else:
-        return None
-    if speed_m_s is None:
-        return None
-    if course_deg is None and speed_m_s <= CREEPING_M_S:
-        course_deg = 0.0
-    if not 0.0 <= speed_m_s <= FASTEST_M_S or not 0.0 <= (course_deg or 0.0) <= 360.0:
-        raise MessageError(f"{sentence.address} says {speed_m_s:.1f} m/s towards {course_deg} deg")
-    return Velocity(speed_m_s, course_deg)
-
-
 class OdometryListener:
     """Hears datagrams, each of them lines of NMEA 0183 or of JSON, until it is told to stop."""
 
@@ -271,6 +232,8 @@ class OdometryListener:
         self._moving = moving
         self._bad = 0
         self._without_course = False
+        self._section = section
+        self._clock = StaleClock()
 
     @property
     def address(self) -> tuple[str, int]:
@@ -299,7 +262,7 @@ class OdometryListener:
         try:
             if line.startswith(b"{"):
                 self._odometer.leg(parse_leg(line), at_s)
-            elif velocity := velocity_in(parse_sentence(line)):
+            elif velocity := self._velocity_in(line, at_s):
                 self._odometer.velocity(velocity, at_s)
                 self._note_course(velocity)
                 if velocity.speed_m_s > STANDING_M_S:
@@ -310,6 +273,12 @@ class OdometryListener:
                 self._bad & (self._bad - 1) == 0
             ):  # 1, 2, 4, 8, ...: a talker that talks nonsense does not fill the log
                 _log.warning("odometry not understood", problem=str(error), so_far=self._bad)
+
+    def _velocity_in(self, line: bytes, at_s: float) -> Velocity | None:
+        sentence = parse_sentence(line, require_checksum=self._section.require_checksum)
+        if self._clock.is_stale(sentence, at_s):
+            raise MessageError(f"{sentence.address} repeats the time {sentence.field(0)}: an old reading")
+        return velocity_in(sentence, accept_estimated=self._section.accept_estimated)
 
     def _note_course(self, velocity: Velocity) -> None:
         """Said once for as long as it lasts; at rest there is nothing to be said."""

@@ -5,16 +5,13 @@ from datetime import datetime
 
 import numpy as np
 from numpy.typing import NDArray
-from pyproj import CRS, Geod
 
-from localizer.crs import WGS84, transform_xy
+from localizer.crs import wrapped_lon_deg
 from localizer.fix import Position
+from localizer.ground import map_metres
 from localizer.report import Covariance, ellipse
 from rig.daemon.board import Answer, Snapshot
 from rig.readings import Instant
-
-NEIGHBOUR_M = 100.0
-_GEOD = Geod(ellps="WGS84")
 
 
 @dataclass(frozen=True)
@@ -69,6 +66,8 @@ def lapsed(answer: Answer, snapshot: Snapshot, now: Instant, valid_s: float) -> 
     age_s = now.monotonic_s - answer.captured.monotonic_s
     if not 0.0 <= age_s <= valid_s:
         return f"captured {age_s:.0f} s ago"
+    if answer.before_start:
+        return "captured before the restart, and nobody has seen since whether the vehicle moved"
     if snapshot.moved is not None and snapshot.moved.monotonic_s > answer.captured.monotonic_s:
         return "the vehicle has moved on"
     return None
@@ -80,13 +79,14 @@ def published(answer: Answer) -> PublishedFix:
     if position is None or covariance_m2 is None:
         raise ValueError(f"{answer.bundle} is no fix")
     of_true_m2 = true_covariance_m2(position, covariance_m2)
+    of_true_m2 = of_true_m2 + answer.wgs84_accuracy_m**2 * np.eye(2)
     (east_m2, between_m2), (_, north_m2) = of_true_m2.tolist()
     axes = ellipse(((east_m2, between_m2), (between_m2, north_m2)))
     return PublishedFix(
         bundle=answer.bundle,
         captured=answer.captured,
         lat_deg=position.lat_deg,
-        lon_deg=position.lon_deg,
+        lon_deg=wrapped_lon_deg(position.lon_deg),
         altitude_m=answer.altitude_m,
         sigma_north_m=float(np.sqrt(north_m2)),
         sigma_east_m=float(np.sqrt(east_m2)),
@@ -98,12 +98,6 @@ def published(answer: Answer) -> PublishedFix:
 
 
 def true_covariance_m2(position: Position, covariance_m2: Covariance) -> NDArray[np.float64]:
-    """(2, 2) of metres to true east and north: the map's axes are turned by the convergence and scaled."""
-    azimuth_deg = np.array([90.0, 0.0, 270.0, 180.0])
-    lon_deg, lat_deg, _ = _GEOD.fwd(
-        np.full(4, position.lon_deg), np.full(4, position.lat_deg), azimuth_deg, np.full(4, NEIGHBOUR_M)
-    )
-    map_m = np.stack(transform_xy(WGS84, CRS.from_user_input(position.crs), lon_deg, lat_deg))
-    to_map = (map_m[:, :2] - map_m[:, 2:]) / (2.0 * NEIGHBOUR_M)
-    to_true = np.linalg.inv(to_map)
-    return np.asarray(to_true @ np.array(covariance_m2) @ to_true.T)
+    """(2, 2) of true east and north, from a fix's along the map's axes: turned by the convergence."""
+    here = map_metres(position.crs, position.easting_m, position.northing_m)
+    return here.true_covariance(covariance_m2)

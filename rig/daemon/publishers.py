@@ -19,7 +19,7 @@ def publish(
     if run.http:
         from rig.daemon.http import serving
 
-        url = stack.enter_context(serving(run.http, board, actions, spool, run.dem, loops))
+        url = stack.enter_context(serving(run.http, board, actions, spool, run.chosen_dem, loops))
         _log.info("HTTP", url=url)
     if run.nmea:
         from rig.daemon.nmea import publishing as publishing_nmea

@@ -4,6 +4,7 @@ import math
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future
+from dataclasses import replace
 from datetime import datetime
 
 import structlog
@@ -23,7 +24,7 @@ IDLE_S = 1.0
 PAUSE_S = 10.0
 """After a failure that is not the bundle's."""
 LONG_AGO_S = 3600.0
-"""A bundle of an earlier run of the computer is at least as old for whoever asks how old it is."""
+"""How old a bundle of an earlier run of the computer is taken to be where the wall clock says that it is yet to come."""
 
 
 class _StoppedError(Exception):
@@ -138,7 +139,7 @@ class Search:
         except SearchFailedError as error:
             self._failed(entry, str(error))
             return
-        answer = answer_of(entry, found)
+        answer = answer_of(entry, found, self._board.snapshot().started)
         self._spool.set_answer(answer, found.tracker)
         self._board.set_answer(answer)
         _log.info("located", bundle=entry.bundle, **described(answer))
@@ -150,12 +151,13 @@ class Search:
         _log.error("search failed", bundle=entry.bundle, reason=reason, again=state == "waiting")
 
 
-def answer_of(entry: Entry, found: Found) -> Answer:
-    """What the daemon publishes of a bundle's search."""
+def answer_of(entry: Entry, found: Found, started: Instant | None = None) -> Answer:
+    """What the daemon, which has run since ``started``, publishes of a bundle's search."""
     heading = vehicle_heading_deg(found)
+    captured = moment_of(found.standing, entry.boot)
     return Answer(
         bundle=entry.bundle,
-        captured=moment_of(found.standing, entry.boot),
+        captured=captured,
         answered=Instant.now(),
         trigger=entry.trigger,
         fix=found.track.fix,
@@ -165,7 +167,33 @@ def answer_of(entry: Entry, found: Found) -> Answer:
         altitude_m=found.altitude_m,
         vehicle_heading_deg=heading[0] if heading else None,
         vehicle_heading_sigma_deg=heading[1] if heading else None,
+        before_start=entry.boot != boot_id()
+        or (started is not None and captured.monotonic_s < started.monotonic_s),
+        wgs84_accuracy_m=found.wgs84_accuracy_m,
     )
+
+
+def restored(answer: Answer, boot: str | None) -> Answer:
+    """An answer of the spool after a restart. ``boot``: the computer's run in which its bundle was captured."""
+    if boot == boot_id():
+        return replace(answer, before_start=True)
+    now = Instant.now()
+    captured = Instant(now.monotonic_s - _age_s(answer.captured.utc), answer.captured.utc)
+    answered = Instant(now.monotonic_s - _age_s(answer.answered.utc), answer.answered.utc)
+    return replace(answer, captured=captured, answered=answered, before_start=True)
+
+
+def restore(board: Board, spool: Spool) -> None:
+    """Put on the board what the spool knows from before a restart, unless there is something of this run already.
+
+    Again after the wall clock has stepped: ages of another run of the computer go by it.
+    """
+    known = board.snapshot().last
+    if known is not None and not known.before_start:
+        return
+    last, last_fix = (answer and restored(*answer) for answer in spool.latest())
+    if last is not None:
+        board.restore(last, last_fix)
 
 
 def vehicle_heading_deg(found: Found) -> tuple[float, float] | None:
@@ -182,8 +210,13 @@ def moment_of(standing: Standing, boot: str | None) -> Instant:
     utc, now = datetime.fromisoformat(standing.utc), Instant.now()
     if boot == boot_id() and standing.monotonic_s is not None:
         return Instant(standing.monotonic_s, utc)
+    return Instant(now.monotonic_s - _age_s(utc), utc)
+
+
+def _age_s(utc: datetime) -> float:
+    """By the wall clock: all that there is for another run of the computer, and nothing that makes a fix current."""
     age_s = (utc_now() - utc).total_seconds()
-    return Instant(now.monotonic_s - max(age_s, LONG_AGO_S), utc)
+    return age_s if age_s > 0.0 else LONG_AGO_S
 
 
 def described(answer: Answer) -> dict[str, object]:

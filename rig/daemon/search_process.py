@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from localizer.dem_options import DemChoice
 from localizer.track.odometry import Movement
 from localizer.track.report import TrackLine
 from localizer.track.tracker import Tracker
@@ -49,6 +50,8 @@ class Found:
     altitude_m: float | None
     azimuth_bias_sigma_deg: float | None
     standing: Standing
+    wgs84_accuracy_m: float = 0.0
+    """Of the way from the DEM's datum, beside the fix's covariance."""
 
 
 class SearchProcess:
@@ -65,7 +68,9 @@ class SearchProcess:
         command: Sequence[str] = WORKER,
         *,
         dem_error_m: float | None = None,
+        chosen_dem: DemChoice | None = None,
     ) -> None:
+        """``chosen_dem`` tells more of the DEM's files than ``dem`` and ``dem_error_m``, and replaces them."""
         self.dem = tuple(dem)
         self._limits = memory_mb, time_s
         self.beat: Callable[[], None] = lambda: None
@@ -78,7 +83,11 @@ class SearchProcess:
             bufsize=0,
         )
         try:
-            self._send({"dem": [str(file) for file in self.dem], "dem_error_m": dem_error_m})
+            choice = chosen_dem or DemChoice(self.dem, error_m=dem_error_m)
+            self._send(
+                {"dem": [str(file) for file in choice.paths], "dem_error_m": choice.error_m}
+                | {"said": choice.to_fields()}
+            )
         except BaseException:
             self.close()
             raise
@@ -128,6 +137,7 @@ class SearchProcess:
             fields["altitude_m"],
             fields["azimuth_bias_sigma_deg"],
             Standing(**fields["standing"]),
+            fields.get("wgs84_accuracy_m", 0.0),
         )
 
     @property

@@ -22,15 +22,18 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TextIO
 
-from localizer.bundle import Bundle, frame_image, load_bundle
+from localizer.bundle import Bundle, BundleError, load_bundle
 from localizer.dem import load_dem
+from localizer.dem_info import dem_notes
+from localizer.dem_options import DemChoice
+from localizer.doubts import altitude_note, reason_note
 from localizer.errors import SkyfixError
-from localizer.horizon.from_image import find_skyline
 from localizer.horizon.from_terrain import Terrain, prepare_terrain
 from localizer.jit import with_sound_kernels
 from localizer.locate import load_kernels, load_picture_kernels, observe
 from localizer.track.report import track_line
 from localizer.track.tracker import Tracker, follow
+from localizer.upright import frame_skyline
 from rig.atomic import write_atomically
 from rig.daemon.memory import give_back
 from rig.daemon.skylines import FILE_NAME, BundleSkylines, bundle_skylines
@@ -52,10 +55,15 @@ def main() -> None:
     threading.Thread(target=_receive, args=(requests,), daemon=True).start()
     try:
         first = requests.get()
-        dem = load_dem([Path(file) for file in first["dem"]], error_m=first["dem_error_m"])
+        if "said" in first:
+            dem = DemChoice.from_fields(first["said"]).load()
+        else:
+            dem = load_dem([Path(file) for file in first["dem"]], error_m=first["dem_error_m"])
+        for note in dem_notes(dem):
+            print(f"dem: {note}", file=sys.stderr)
         terrain = with_sound_kernels(lambda: prepare_terrain(dem))
     except SkyfixError as error:
-        _send(out, {"error": str(error)})
+        _send(out, {"error": f"[run] dem: {error}"})
         return
     _send(out, {"terrain": {"cells": int(terrain.height_m.size)}})
     with_sound_kernels(load_picture_kernels)
@@ -85,11 +93,20 @@ def _send(out: TextIO, message: dict[str, Any]) -> None:
 
 def _located(terrain: Terrain, request: dict[str, Any]) -> dict[str, Any]:
     bundle = load_bundle(Path(request["bundle"]))
+    if bundle.directory.is_symlink():  # what is found would be written where it leads
+        raise BundleError(f"{bundle.directory}: is a link; put the bundle itself into the spool")
+    if bundle.id != bundle.directory.name:
+        raise BundleError(
+            f"{bundle.directory}: holds the bundle {bundle.id}; its folder must have the same name"
+        )
     tracker = Tracker.model_validate(request["tracker"])
     begin = time.perf_counter()
-    skylines = [find_skyline(frame_image(bundle, frame)) for frame in bundle.frames]
+    skylines = [frame_skyline(bundle, frame) for frame in bundle.frames]
     timing_s = {"horizon": time.perf_counter() - begin}
     step = follow(tracker, leg_of(request["leg"]), terrain, observe(bundle, skylines), bundle.id, timing_s)
+    for note in (altitude_note(step.fix, bundle, terrain.dem), reason_note(step.fix)):
+        if note:
+            print(f"{bundle.id}: {note}", file=sys.stderr)
     _store(bundle.directory / FILE_NAME, bundle_skylines(bundle, skylines, step.fix, terrain))
     return {
         "track": track_line(step, terrain.dem).model_dump(mode="json", by_alias=True),
@@ -97,6 +114,7 @@ def _located(terrain: Terrain, request: dict[str, Any]) -> dict[str, Any]:
         "altitude_m": step.best.altitude_m if step.best else None,
         "azimuth_bias_sigma_deg": step.best.azimuth_bias_sigma_deg if step.best else None,
         "standing": standing_of(bundle),
+        "wgs84_accuracy_m": terrain.dem.lonlat_accuracy_m,
     }
 
 

@@ -13,6 +13,7 @@ from rig.daemon.board import Board
 from rig.daemon.boot import process_age_s
 from rig.daemon.log import logging_to
 from rig.daemon.main_loop import refused, run_of, status_line
+from rig.daemon.named_files import check_named_files
 from rig.daemon.notify import notifier_of
 from rig.daemon.progress import watchdog
 from rig.daemon.session import Shared, session
@@ -24,7 +25,7 @@ _log = structlog.get_logger(__name__)
 def serve(path: Path, environment: Mapping[str, str] = os.environ) -> None:
     """Run until SIGTERM or SIGINT. ``SkyfixError`` where it cannot start: nothing has moved then."""
     config = load_config(path)
-    run_of(config, path)
+    check_named_files(run_of(config, path), path)
     notifier = notifier_of(environment)
     board = Board()
     with logging_to(board, environment), Signals() as signals:

@@ -15,15 +15,14 @@ import structlog
 from rig.bus.retry import retry
 from rig.bus.serial_port import SerialPort
 from rig.config import PanTiltSection
-from rig.dynamixel.control_table import HARDWARE_ERRORS
 from rig.dynamixel.servo import Servo
 from rig.dynamixel.servo_bus import ServoBus
 from rig.errors import RigError
 
 _log = structlog.get_logger(__name__)
 
-PASSING = frozenset(HARDWARE_ERRORS[bit] for bit in (0x01, 0x04, 0x20))
-"""Input voltage, overheated, overload."""
+PASSING = 0x01 | 0x04 | 0x20
+"""Bits of the hardware error status: input voltage, overheated, overload."""
 WAITS_S = 10.0, 60.0, 360.0
 """From the first sight of an error to a restart: the first, the second and the last without a capture that worked."""
 
@@ -31,14 +30,18 @@ WAITS_S = 10.0, 60.0, 360.0
 def restart_servos(section: PanTiltSection) -> list[str]:
     """Restart the servos that have shut down for what may pass; returns which, with their errors.
 
-    They are without torque then. Raises ``RigError``.
+    They are without torque then. Raises ``RigError``, also where one was turned beyond one turn by hand: a restart would forget
+    that it was.
     """
     restarted = []
     with closing(ServoBus(SerialPort(section.port, section.baud))) as bus:
         for name, joint in (("pan", section.pan), ("tilt", section.tilt)):
             servo = Servo(bus, joint.id, joint.model, name)
-            errors = retry(servo.hardware_errors)
-            if errors and PASSING.issuperset(errors):
+            retry(servo.answer_everything)
+            status = retry(partial(servo.read, "Hardware Error Status"))
+            if status and not status & ~PASSING:
+                errors = retry(servo.hardware_errors)
+                servo.require_one_turn(retry(partial(servo.read, "Present Position")))
                 retry(partial(bus.reboot, joint.id))
                 retry(servo.hardware_errors)  # until it is back
                 restarted.append(f"{servo.name}: {', '.join(errors)}")

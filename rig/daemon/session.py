@@ -22,7 +22,7 @@ from rig.daemon.odometry import Odometer, OdometryListener
 from rig.daemon.progress import Loops
 from rig.daemon.publishers import publish
 from rig.daemon.rest import RestWatch
-from rig.daemon.search import Search
+from rig.daemon.search import Search, restore
 from rig.daemon.search_process import SearchProcess
 from rig.daemon.spool import ODOMETER, Spool
 from rig.daemon.stopping import Signals
@@ -34,6 +34,7 @@ END_S = 3.0
 """Loops that have not ended by then when the daemon ends, end with the process."""
 RELOAD_END_S = 30.0
 WISH_POLL_S = 0.25
+STORAGE_EVERY_S = 10.0
 USUAL_BEAT_S, SLOW_BEAT_S, CAPTURE_BEAT_S = 30.0, 120.0, 300.0
 """From one sign of life to the next: of a loop that only waits; of one that opens devices; of captures, where levelling and
 heading are one step, of several moves, repetitions and recoveries, on a computer that may be busy."""
@@ -66,10 +67,11 @@ def session(config: RigConfig, shared: Shared, started: Callable[[], None]) -> R
         search = Search(spool, board, partial(start_worker, run), shared.worker or start_worker(run))
         shared.worker = None
         stack.callback(search.close)
+        restore(board, spool)
         stop = threading.Event()
         inbox = shared.inbox
         hardware = Hardware()
-        triggers = Triggers(board, partial(obstacle, board), inbox.put)
+        triggers = Triggers(board, partial(_obstacle, board, spool), inbox.put)
         watch = DeviceWatch(config, board, hardware, besides=("inclinometer",) if run.rest else ())
         control = ControlSocket(run.control or run.spool.dir / "control.sock", board, triggers)
         stack.callback(control.close)
@@ -77,6 +79,7 @@ def session(config: RigConfig, shared: Shared, started: Callable[[], None]) -> R
             ("control", control.run, USUAL_BEAT_S),
             ("devices", watch.run, SLOW_BEAT_S),
             ("search", search.run, USUAL_BEAT_S),
+            ("storage", partial(_watch_storage, board, spool), SLOW_BEAT_S),
             ("signals", partial(_take_wishes, shared.signals, triggers, inbox), USUAL_BEAT_S),
         ]
         if run.rest:
@@ -107,6 +110,30 @@ def session(config: RigConfig, shared: Shared, started: Callable[[], None]) -> R
                     shared.notifier.stopping("ending on request")
         shared.worker = following.worker or search.hand_over()
         return following.config
+
+
+def _obstacle(board: Board, spool: Spool) -> str | None:
+    """Why no capture is possible, the room in the spool looked at now: the next answer is ``started`` only where it will be."""
+    _look_at_storage(board, spool)
+    return obstacle(board)
+
+
+def _watch_storage(board: Board, spool: Spool, beat: Callable[[], None], stop: threading.Event) -> None:
+    """A disk is filled by others, and emptied by whoever has read why nothing is captured."""
+    while not stop.is_set():
+        beat()
+        _look_at_storage(board, spool)
+        stop.wait(STORAGE_EVERY_S)
+
+
+def _look_at_storage(board: Board, spool: Spool) -> None:
+    problem, before = spool.obstacle(), board.snapshot().storage
+    board.set_storage(problem)
+    if problem is not None and before is None:
+        board.count("spool full")
+        _log.error("no room for another bundle", problem=problem)
+    elif problem is None and before is not None:
+        _log.info("there is room for bundles again")
 
 
 def _at_rest(board: Board, triggers: Triggers) -> bool:

@@ -14,6 +14,7 @@ from localizer.camera import camera_to_world, project
 from localizer.fix import Fix
 from localizer.horizon.from_image import CONFIDENT, ColumnState, Skyline
 from localizer.horizon.from_terrain import Terrain, horizon
+from localizer.upright import upright
 
 Floats = NDArray[np.float64]
 Line = tuple[tuple[float, float], ...]
@@ -64,14 +65,15 @@ def bundle_skylines(
     frames = []
     for frame, skyline in zip(bundle.frames, skylines, strict=True):
         columns = np.arange(skyline.row_px.size, dtype=np.float64)
+        found = upright(bundle.camera, frame.roll_deg).as_recorded(columns, skyline.row_px)
         used = (skyline.state == ColumnState.OK) & (skyline.confidence >= CONFIDENT)
         frames.append(
             FrameSkylines(
                 label=frame.label,
                 width_px=bundle.camera.width_px,
                 height_px=bundle.camera.height_px,
-                found=_lines(columns, skyline.row_px, used, COLUMNS_EVERY),
-                doubtful=_lines(columns, skyline.row_px, ~used, COLUMNS_EVERY),
+                found=_lines(*found, used, COLUMNS_EVERY),
+                doubtful=_lines(*found, ~used, COLUMNS_EVERY),
                 predicted=_predicted(bundle, frame, fix, terrain),
             )
         )
@@ -81,21 +83,22 @@ def bundle_skylines(
 def _predicted(bundle: Bundle, frame: Frame, fix: Fix, terrain: Terrain) -> tuple[Line, ...]:
     if fix.position is None or fix.nuisance is None:
         return ()
-    camera = bundle.camera
+    turned = upright(bundle.camera, frame.roll_deg)
+    camera = turned.camera
     altitude_m = fix.position.ground_m + bundle.mast_height_m
     if bundle.altitude is not None:
         altitude_m = bundle.altitude.value_m - fix.nuisance.altitude_bias_m
     attitude_deg = (
         frame.azimuth_deg - fix.nuisance.azimuth_bias_deg,
         frame.tilt_deg - fix.nuisance.tilt_bias_deg,
-        frame.roll_deg,
+        turned.roll_deg,
     )
     half_view_deg = float(np.degrees(np.arctan(camera.width_px / camera.fx_px))) + BEYOND_DEG
     azimuth_deg = attitude_deg[0] + np.arange(-half_view_deg, half_view_deg, AZIMUTH_STEP_DEG)
     elevation_deg, _ = horizon(terrain, fix.position.row, fix.position.col, altitude_m, azimuth_deg)
     u_px, v_px = project(camera, camera_to_world(*attitude_deg), azimuth_deg, elevation_deg[0])
     inside = (u_px >= -1.0) & (u_px <= camera.width_px)
-    return _lines(u_px, v_px, inside, PREDICTED_EVERY)
+    return _lines(*turned.as_recorded(u_px, v_px), inside, PREDICTED_EVERY)
 
 
 def _lines(u_px: Floats, v_px: Floats, chosen: NDArray[np.bool_], every: int) -> tuple[Line, ...]:

@@ -21,9 +21,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Self
 
-from localizer.bundle import FILE_NAME
+from localizer.bundle import FILE_NAME, MOST_BYTES, BundleError, parse_bundle
+from localizer.documents import DocumentError, read_file
 from localizer.track.odometry import Movement
-from localizer.track.tracker import Tracker
+from localizer.track.tracker import Tracker, TrackerError
 from rig.bundle.writer import LEAST_FREE_BYTES
 from rig.daemon.board import Answer, TriggerSource
 from rig.daemon.boot import boot_id
@@ -34,13 +35,15 @@ from rig.daemon.spool_index import (
     Entry,
     SpoolError,
     SpoolFullError,
+    answer_of,
     composed,
     entry_of,
     leg_json,
-    leg_of,
     open_index,
     recall,
     remember,
+    stored_intent,
+    stored_leg,
 )
 
 __all__ = ["BundleState", "Entry", "Spool", "SpoolError", "SpoolFullError"]
@@ -109,12 +112,7 @@ class Spool:
         """
         self.reconcile()
         removed = []
-        with self._transaction() as db:
-            sizes = db.execute("SELECT sum(bytes), max(bytes) FROM bundles WHERE here").fetchone()
-            total, need = sizes[0] or 0, max(sizes[1] or 0, USUAL_BUNDLE_BYTES)
-            located = db.execute(
-                "SELECT bundle, bytes FROM bundles WHERE here AND state = 'located' ORDER BY number"
-            ).fetchall()
+        total, need, located = self._sizes()
         while (
             total + need > self.quota_bytes or shutil.disk_usage(self.folder).free < LEAST_FREE_BYTES + need
         ):
@@ -126,6 +124,29 @@ class Spool:
             total -= size
         return removed
 
+    def obstacle(self) -> str | None:
+        """Why ``make_room`` would fail now; None where another bundle fits, or will once located ones are deleted."""
+        try:
+            total, need, located = self._sizes()
+            to_gain = sum(size for _, size in located)
+            if total - to_gain + need > self.quota_bytes:
+                return self._full(total - to_gain, need)
+            if shutil.disk_usage(self.folder).free + to_gain < LEAST_FREE_BYTES + need:
+                return self._full(0, need)
+        except OSError as error:
+            return f"{self.folder}: {error.strerror}; look at the disk"
+        except SpoolError as error:
+            return str(error)
+        return None
+
+    def _sizes(self) -> tuple[int, int, list[tuple[str, int]]]:
+        """Bytes that all bundles take, that another one needs, and of each located one, the oldest first."""
+        ((total, largest),) = self._read("SELECT sum(bytes), max(bytes) FROM bundles WHERE here")
+        located = self._read(
+            "SELECT bundle, bytes FROM bundles WHERE here AND state = 'located' ORDER BY number"
+        )
+        return total or 0, max(largest or 0, USUAL_BUNDLE_BYTES), located
+
     def _full(self, total: int, need: int) -> str:
         count = self.count("waiting") + self.count("failed")
         if total + need > self.quota_bytes:
@@ -133,7 +154,11 @@ class Spool:
                 f"{self.folder}: full: {count} bundles that have not been located take {total / 1e6:.0f} of "
                 f"{self.quota_bytes / 1e6:.0f} MB; see why they fail, move them away or raise [run.spool] quota_mb"
             )
-        return f"{self.folder}: the disk is full, and no located bundle is left to delete; make room there"
+        free = shutil.disk_usage(self.folder).free
+        return (
+            f"{self.folder}: {free / 1e6:.0f} MB are free on its disk, and a bundle with the reserve takes "
+            f"{(LEAST_FREE_BYTES + need) / 1e6:.0f}; no located bundle is left to delete: make room there"
+        )
 
     def begin_capture(
         self, trigger: TriggerSource, leg: Movement | None, odometer: str | None = None
@@ -171,12 +196,16 @@ class Spool:
             text, tracked = recall(self._db, "tracker"), recall(self._db, "tracked")
             if text is None or tracked is None:
                 return Tracker(), None
+            if not tracked.isdecimal():
+                raise TrackerError(
+                    f"state of a track: {tracked[:20]!r} is no bundle's number; a new track is begun"
+                )
             legs = self._read(
                 "SELECT leg FROM bundles WHERE number > ? AND number <= ? ORDER BY number",
                 int(tracked),
                 entry.number,
             )
-        return Tracker.from_json(text), composed([leg_of(json.loads(leg or "null")) for (leg,) in legs])
+        return Tracker.from_json(text), composed([stored_leg(leg) for (leg,) in legs])
 
     def set_answer(self, answer: Answer, tracker: Tracker) -> None:
         """Store what a bundle came to and the tracker's state after it, both or neither."""
@@ -220,7 +249,22 @@ class Spool:
     def answer_of(self, bundle_id: str) -> Answer | None:
         """What a bundle came to; None where it is unknown or has no answer yet."""
         rows = self._read("SELECT answer FROM bundles WHERE bundle = ? AND answer IS NOT NULL", bundle_id)
-        return ANSWER.validate_json(rows[0][0]) if rows else None
+        return answer_of(rows[0][0]) if rows else None
+
+    def latest(self) -> tuple[tuple[Answer, str | None] | None, tuple[Answer, str | None] | None]:
+        """The newest bundle's answer, and the newest that is a fix, each with the computer's run of its capture.
+
+        None where there is none, or one that this version cannot read.
+        """
+        found = []
+        status = "CASE WHEN json_valid(answer) THEN json_extract(answer, '$.fix.status') END"
+        for wanted in ("", f"AND {status} = 'fix' "):
+            rows = self._read(
+                f"SELECT answer, boot FROM bundles WHERE answer IS NOT NULL {wanted}ORDER BY number DESC LIMIT 1"
+            )
+            answer = answer_of(rows[0][0]) if rows else None
+            found.append(None if answer is None else (answer, rows[0][1]))
+        return found[0], found[1]
 
     def count(self, state: BundleState) -> int:
         """How many bundles that are here are in a state."""
@@ -245,10 +289,15 @@ class Spool:
                 names = sorted(path.name for path in self.bundles_dir.iterdir())
                 for name in names:
                     if name.startswith("."):  # was being written or deleted
-                        shutil.rmtree(self.bundles_dir / name)
+                        _remove(self.bundles_dir / name)
             except OSError as error:
                 raise SpoolError(f"{self.bundles_dir}: {error.strerror}; look at its permissions") from error
-            bundles = {name for name in names if (self.bundles_dir / name / FILE_NAME).is_file()}
+            bundles = {
+                name
+                for name in names
+                if name.isprintable()  # what is no text cannot be in the index; what is no id, the search refuses
+                and (self.bundles_dir / name / FILE_NAME).is_file()
+            }
             known = {row[0] for row in self._read("SELECT bundle FROM bundles WHERE here")}
             if bundles == known and recall(self._db, "capturing") is None:
                 return []
@@ -261,7 +310,7 @@ class Spool:
                         "WHERE bundle = ?",
                         (name,),
                     )
-                intent = json.loads(recall(db, "capturing") or "{}")
+                intent = stored_intent(recall(db, "capturing"))
                 for name in new:
                     self._take_in(db, name, intent if name == new[-1] else {})
                 if new and intent.get("odometer"):
@@ -277,7 +326,7 @@ class Spool:
 
     def _take_in(self, db: sqlite3.Connection, name: str, intent: Mapping[str, Any]) -> None:
         folder = self.bundles_dir / name
-        captured = datetime.fromtimestamp((folder / FILE_NAME).stat().st_mtime, UTC).isoformat()
+        captured = _captured(folder / FILE_NAME).isoformat()
         trigger, boot, leg = intent.get("trigger", "found"), intent.get("boot"), intent.get("leg")
         db.execute(
             "INSERT INTO bundles (bundle, captured, trigger, boot, leg, bytes, state) "
@@ -292,7 +341,7 @@ class Spool:
         going = self.bundles_dir / f".{bundle}.removed"
         try:
             (self.bundles_dir / bundle).rename(going)
-            shutil.rmtree(going)
+            _remove(going)
         except OSError as error:
             raise SpoolError(f"{self.bundles_dir / bundle}: cannot be deleted: {error.strerror}") from error
         with self._transaction() as db:
@@ -323,7 +372,39 @@ class Spool:
             except sqlite3.Error as error:
                 if self._db.in_transaction:
                     self._db.execute("ROLLBACK")
-                raise SpoolError(f"{self.folder / 'index.sqlite'}: {error}; is the disk full?") from error
+                raise SpoolError(f"{self.folder / 'index.sqlite'}: {error}; {_remedy(error)}") from error
+
+
+def _remedy(error: sqlite3.Error) -> str:
+    """What to do about an error of the index, by SQLite's words for it."""
+    for words, remedy in (
+        ("full", "make room on the disk"),
+        ("locked", "end the other program that has it open"),
+        ("readonly", "change who may write there, or mount the file system writable"),
+        ("unable to open", "change who may read and write there"),
+        ("malformed", "move it away: it is made anew from the bundles"),
+        ("not a database", "move it away: it is made anew from the bundles"),
+    ):
+        if words in str(error):
+            return remedy
+    return "look at the disk (dmesg)"
+
+
+def _remove(path: Path) -> None:
+    """A folder and all in it; of a link, or what somebody else has put there, only itself."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink()
+
+
+def _captured(file: Path) -> datetime:
+    """When a bundle's last frame was taken, by what it says itself; of one that cannot be read, when it was written."""
+    try:
+        bundle = parse_bundle(read_file(file, MOST_BYTES), str(file))
+        return max(frame.time for frame in bundle.frames)
+    except (BundleError, DocumentError):
+        return datetime.fromtimestamp(file.stat().st_mtime, UTC)
 
 
 def _size_bytes(folder: Path) -> int:

@@ -1,5 +1,6 @@
 """The spool's index: its tables, how it is opened, and its rows as what they stand for."""
 
+import logging
 import sqlite3
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -8,14 +9,19 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
-from pydantic import TypeAdapter
+from pydantic import TypeAdapter, ValidationError
 
+from localizer.documents import DocumentError, json_text, json_values
 from localizer.track.odometry import Movement
 from rig.daemon.board import Answer, TriggerSource
 from rig.errors import RigError
 
 BundleState = Literal["waiting", "located", "failed"]
 ANSWER = TypeAdapter(Answer)
+MOST_TOLD = 20
+_log = logging.getLogger(__name__)
+_told: set[str] = set()
+"""Answers of which the log has told that they cannot be read."""
 _VERSION = 1
 _SCHEMA = """
 CREATE TABLE bundles (
@@ -85,11 +91,12 @@ def entry_of(
     row: tuple[int, str, str, TriggerSource, str | None, BundleState, int, str | None, int, int, str | None],
 ) -> Entry:
     number, bundle, captured, trigger, boot, state, tries, reason, size, here, answer = row
-    assert trigger in get_args(TriggerSource)
+    if trigger not in get_args(TriggerSource):
+        trigger = "found"
     return Entry(
         number,
         bundle,
-        datetime.fromisoformat(captured),
+        _time_of(captured),
         trigger,
         boot,
         state,
@@ -97,8 +104,28 @@ def entry_of(
         reason,
         size,
         bool(here),
-        ANSWER.validate_json(answer) if answer else None,
+        answer_of(answer),
     )
+
+
+def _time_of(text: str) -> datetime:
+    try:
+        return datetime.fromisoformat(text)
+    except ValueError:
+        return datetime.fromtimestamp(0.0, UTC)
+
+
+def answer_of(text: str | None) -> Answer | None:
+    """The answer that a row holds; None where it holds none, or one that this version cannot read."""
+    if text is None:
+        return None
+    try:
+        return ANSWER.validate_json(json_text(text))
+    except (DocumentError, ValidationError) as error:
+        if len(_told) < MOST_TOLD and text not in _told:  # the page asks every few seconds
+            _told.add(text)
+            _log.warning("an answer in the spool cannot be read: %s", str(error).splitlines()[0])
+        return None
 
 
 def leg_json(leg: Movement | None) -> dict[str, Any] | None:
@@ -111,6 +138,26 @@ def leg_of(fields: Mapping[str, Any] | None) -> Movement | None:
     if fields is None:
         return None
     return Movement(np.array(fields["step_m"]), np.array(fields["covariance_m2"]))
+
+
+def stored_leg(text: str | None) -> Movement | None:
+    """The leg in a row of the index; None, an unknown way, also where it makes no sense."""
+    try:
+        leg = leg_of(json_values(text or "null"))
+    except (DocumentError, KeyError, TypeError, ValueError):
+        return None
+    if leg is not None and (leg.step_m.shape != (2,) or leg.covariance_m2.shape != (2, 2)):
+        return None
+    return leg
+
+
+def stored_intent(text: str | None) -> dict[str, Any]:
+    """What was noted before the capture whose bundle is taken in; nothing where it makes no sense."""
+    try:
+        intent = json_values(text or "{}")
+    except DocumentError:
+        return {}
+    return intent if isinstance(intent, dict) else {}
 
 
 def remember(db: sqlite3.Connection, name: str, value: str) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 from rig.daemon.board import Answer, Snapshot
 from rig.measure import utc_text
 from rig.readings import Instant
+from rig.version import package_version
 
 BEGINNING = "starting", "connecting"
 """While it does this, no device has failed yet that does not work."""
@@ -19,11 +20,13 @@ def status_json(snapshot: Snapshot) -> dict[str, Any]:
     return {
         "schema": "skyfix.status/1",
         "time": utc_text(now.utc),
+        "version": package_version(),
         "started": utc_text(snapshot.started.utc),
         "activity": snapshot.activity,
         "degraded": snapshot.degraded,
         "locating": snapshot.locating,
         "waiting": snapshot.waiting,
+        "storage": snapshot.storage,
         "devices": [
             {
                 "name": device.name,
@@ -47,11 +50,13 @@ def answer_json(answer: Answer | None, now: Instant) -> dict[str, Any] | None:
         "bundle": answer.bundle,
         "captured": utc_text(answer.captured.utc),
         "age_s": round(now.monotonic_s - answer.captured.monotonic_s, 1),
+        "before_start": answer.before_start,
         "trigger": answer.trigger,
         "mode": answer.mode,
         "altitude_m": answer.altitude_m,
         "vehicle_heading_deg": answer.vehicle_heading_deg,
         "vehicle_heading_sigma_deg": answer.vehicle_heading_sigma_deg,
+        "wgs84_accuracy_m": answer.wgs84_accuracy_m,
         "elsewhere": answer.elsewhere,
         "fix": answer.fix.model_dump(mode="json", by_alias=True),
     }
@@ -68,6 +73,8 @@ def status_text(status: dict[str, Any]) -> str:
     lines = [", ".join(doing)]
     for device in status["devices"]:
         lines.append(f"{device['name']:13} {device['state']:10} {device['detail']}".rstrip())
+    if status.get("storage"):
+        lines.append(f"spool         takes no bundle: {status['storage']}")
     last, last_fix = status["last"], status["last_fix"]
     lines.append(f"last answer   {_answer_text(last) if last else 'none since the start'}")
     if last_fix and last_fix["bundle"] != last["bundle"]:
@@ -86,5 +93,5 @@ def _answer_text(answer: dict[str, Any]) -> str:
     elif fix["position"]:
         parts[0] += f" {fix['position']['lat_deg']:.6f}, {fix['position']['lon_deg']:.6f}"
         parts.append(f"sigma {math.sqrt(np.linalg.eigvalsh(fix['covariance_m2'])[-1]):.1f} m")
-    parts.append(f"{answer['age_s']:.0f} s old")
+    parts.append(f"{answer['age_s']:.0f} s old{' (before the restart)' if answer['before_start'] else ''}")
     return f"{', '.join(parts)}; {answer['bundle']}"

@@ -7,6 +7,7 @@ import socket
 from contextlib import suppress
 
 from rig.daemon.config import host_and_port
+from rig.daemon.listening import why_not_listening
 from rig.errors import ConfigError
 
 MOST_CLIENTS = 32
@@ -29,11 +30,12 @@ class TcpBroadcast:
                 (str(found[0]), int(found[1])), family=family, backlog=MOST_CLIENTS
             )
         except OSError as error:
-            raise ConfigError(f"{key}: cannot listen on {address}: {error.strerror}; give another") from None
+            raise ConfigError(f"{key}: cannot listen on {address}: {why_not_listening(error)}") from None
         self._listener.setblocking(False)
         self._selector = selectors.DefaultSelector()
         self._selector.register(self._listener, selectors.EVENT_READ)
         self._waiting: dict[socket.socket, bytearray] = {}
+        self._new: set[socket.socket] = set()
 
     @property
     def address(self) -> tuple[str, int]:
@@ -46,15 +48,16 @@ class TcpBroadcast:
         """How many are connected."""
         return len(self._waiting)
 
-    def send(self, data: bytes) -> None:
-        """Send to all, as far as they take it; the rest waits for ``serve``."""
+    def send(self, data: bytes, first: bytes = b"") -> None:
+        """Send to all, as far as they take it; the rest waits for ``serve``. ``first`` goes before it to who is new."""
         if self._listener not in self._selector.get_map():
             self._selector.register(self._listener, selectors.EVENT_READ)
         for client, waiting in list(self._waiting.items()):
             if len(waiting) + len(data) > WAITING_BYTES:
                 self._drop(client, "it does not read")
                 continue
-            waiting += data
+            waiting += first + data if client in self._new else data
+            self._new.discard(client)
             self._write(client)
 
     def serve(self, timeout_s: float) -> None:
@@ -79,7 +82,7 @@ class TcpBroadcast:
 
     def _accept(self) -> None:
         try:
-            client, _ = self._listener.accept()
+            client, address = self._listener.accept()
         except (
             OSError
         ) as error:  # gone again already; or no descriptor is left, and then it would fail on and on
@@ -87,7 +90,7 @@ class TcpBroadcast:
             self._selector.unregister(self._listener)  # until the next ``send``
             return
         if len(self._waiting) >= MOST_CLIENTS:
-            _log.warning("nmea: a client was turned away: %d are connected", MOST_CLIENTS)
+            _log.warning("nmea: %s was turned away: %d clients are connected", address[0], MOST_CLIENTS)
             client.close()
             return
         client.setblocking(False)
@@ -97,6 +100,7 @@ class TcpBroadcast:
             # else the system would keep minutes of sentences for one that does not read
             client.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, WAITING_BYTES)
         self._waiting[client] = bytearray()
+        self._new.add(client)
         self._selector.register(client, selectors.EVENT_READ)
 
     def _read(self, client: socket.socket) -> None:
@@ -128,5 +132,6 @@ class TcpBroadcast:
         if why is not None:
             _log.warning("nmea: a client was let go: %s", why)
         del self._waiting[client]
+        self._new.discard(client)
         self._selector.unregister(client)
         client.close()

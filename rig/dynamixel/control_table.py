@@ -19,9 +19,23 @@ BUS_WATCHDOG_TRIPPED = -1
 BUS_WATCHDOG_FIRMWARE = 38
 
 POSITION_MODE = 3
+NO_SECONDARY_ID = 255
+LEAST_OFF_SECONDARY_ID = 253
+"""From here on a Secondary ID is off."""
+
+PROTOCOL_2 = 2
+ANSWER_EVERYTHING = 2
+"""Status Return Level: 0 answers a ping only, 1 a ping and a read."""
+
+REVERSED = 0x01
+"""Drive Mode, bit 0: positions count the other way round."""
+
+FACTORY_SHUTDOWN = 0x34
+STARTUP_CONFIGURATION_FIRMWARE = 45
 
 MODEL_NUMBERS = {"XM430-W350": 1020, "XL430-W250": 1060}
 
+VOLTAGE_ERROR, OVERHEATING_ERROR = 0x01, 0x04
 HARDWARE_ERRORS = {
     0x01: "input voltage out of range",
     0x04: "overheated",
@@ -29,6 +43,56 @@ HARDWARE_ERRORS = {
     0x10: "electrical shock or too little power",
     0x20: "overload",
 }
+
+FACTORY_EEPROM: dict[str, dict[str, int]] = {
+    "XM430-W350": {
+        "Moving Threshold": 10,
+        "PWM Limit": 885,
+        "Current Limit": 1193,
+        "Velocity Limit": 350,
+    },
+    "XL430-W250": {"Moving Threshold": 10, "PWM Limit": 885, "Velocity Limit": 265},
+}
+"""EEPROM that decides whether and how far a goal is followed, as it leaves the factory (e-manual, "Control Table")."""
+
+FACTORY_PROTECTION: dict[str, dict[str, tuple[int, int]]] = {
+    "XM430-W350": {
+        "Temperature Limit": (1, 80),
+        "Min Voltage Limit": (95, 160),
+        "Max Voltage Limit": (95, 160),
+    },
+    "XL430-W250": {
+        "Temperature Limit": (1, 72),
+        "Min Voltage Limit": (60, 140),
+        "Max Voltage Limit": (60, 140),
+    },
+}
+"""What an installer may narrow these to: 1 °C, and 0.1 V."""
+
+FACTORY_RAM: dict[str, dict[str, int]] = {
+    "XM430-W350": {
+        "Velocity I Gain": 1920,
+        "Velocity P Gain": 100,
+        "Position D Gain": 0,
+        "Position I Gain": 0,
+        "Position P Gain": 800,
+        "Feedforward 2nd Gain": 0,
+        "Feedforward 1st Gain": 0,
+        "Goal PWM": 885,
+        "Goal Current": 1193,
+    },
+    "XL430-W250": {
+        "Velocity I Gain": 1000,
+        "Velocity P Gain": 100,
+        "Position D Gain": 4000,
+        "Position I Gain": 0,
+        "Position P Gain": 640,
+        "Feedforward 2nd Gain": 0,
+        "Feedforward 1st Gain": 0,
+        "Goal PWM": 885,
+    },
+}
+"""The same in RAM. Goal PWM and Goal Current are ceilings in position mode."""
 
 _SIGNED = frozenset(
     {
@@ -66,6 +130,10 @@ class Register:
         """The value in ``data``, which begins at address ``start`` (default: its own)."""
         offset = 0 if start is None else self.address - start
         return int.from_bytes(data[offset : offset + self.length], "little", signed=self.signed)
+
+
+STARTUP_CONFIGURATION = Register("Startup Configuration", 60, 1, signed=False)
+"""Not in the vendor's tables: torque on, and RAM from a backup, when the servo starts. From firmware 45 on."""
 
 
 @cache

@@ -26,6 +26,7 @@ class Instruction(IntEnum):
     READ = 0x02
     WRITE = 0x03
     REBOOT = 0x08
+    CLEAR = 0x10
     SYNC_READ = 0x82
 
 

@@ -14,6 +14,8 @@ _STUFFING = 4 / 3
 # Two of FTDI's default 16 ms latency periods, and what a loaded computer needs to notice.
 _TURNAROUND_S = 0.05
 
+_CLEAR_TURNS = bytes([0x01, 0x44, 0x58, 0x4C, 0x22])  # e-manual, "Protocol 2.0", Clear
+
 _REFUSALS: dict[int, str] = {
     StatusError.RESULT_FAIL: "could not carry out the instruction",
     StatusError.INSTRUCTION: "does not know the instruction",
@@ -23,6 +25,7 @@ _REFUSALS: dict[int, str] = {
     StatusError.DATA_LIMIT: "says that the value is beyond its limit registers",
     StatusError.ACCESS: "does not allow that register to be accessed now",
 }
+_LATE = "shorten the adapter's latency (rig check says how), or take a faster computer"
 _OF_VALUES = (StatusError.DATA_RANGE, StatusError.DATA_LIMIT)
 """Refusals of a value, which an instruction that brings none cannot earn."""
 
@@ -54,6 +57,31 @@ class ServoBus:
         parameters = self._exchange(servo_id, Instruction.PING, b"", 3)
         return int.from_bytes(parameters[:2], "little"), parameters[2]
 
+    def ping_all(self, wait_s: float) -> dict[int, int]:
+        """Model numbers by id of all servos that answer within ``wait_s``."""
+        self._port.discard_input()
+        self._port.write(frame(BROADCAST_ID, Instruction.PING))
+        deadline, parser = Deadline.after(wait_s), StatusParser()
+        found: dict[int, int] = {}
+        while not deadline.expired:
+            for status in parser.feed(self._port.read(deadline)):
+                if len(status.parameters) == 3:
+                    found[status.servo_id] = int.from_bytes(status.parameters[:2], "little")
+        return found
+
+    def answers_protocol_1(self, servo_id: int) -> bool:
+        """Whether a servo that is silent to Protocol 2.0 answers a ping in Protocol 1.0 (e-manual, "Protocol 1.0")."""
+        body = bytes([servo_id, 2, Instruction.PING])
+        request = b"\xff\xff" + body + bytes([~sum(body) & 0xFF])
+        self._port.discard_input()
+        self._port.write(request)
+        deadline = Deadline.after(2 * len(request) * _BITS_PER_BYTE / self.baud + _TURNAROUND_S)
+        received = b""
+        while not deadline.expired:
+            received += self._port.read(deadline)
+        # An adapter may echo what was sent, which is as long as the answer.
+        return request[:4] in received.replace(request, b"")
+
     def read(self, servo_id: int, address: int, length: int) -> bytes:
         """``length`` bytes of one servo's control table."""
         return self._exchange(servo_id, Instruction.READ, _u16(address) + _u16(length), length)
@@ -62,9 +90,17 @@ class ServoBus:
         """Write into one servo's control table."""
         self._exchange(servo_id, Instruction.WRITE, _u16(address) + data, 0)
 
+    def write_unanswered(self, servo_id: int, address: int, data: bytes) -> None:
+        """Write into the control table of a servo that may be set not to answer a write."""
+        self._collect(frame(servo_id, Instruction.WRITE, _u16(address) + data), [servo_id], 0)
+
     def reboot(self, servo_id: int) -> None:
         """Restart one servo, which ends a shutdown. It takes some tenths of a second to come back."""
         self._exchange(servo_id, Instruction.REBOOT, b"", 0)
+
+    def clear_turns(self, servo_id: int) -> None:
+        """Have one servo, at rest, count its position within one turn again (firmware 42 and later)."""
+        self._exchange(servo_id, Instruction.CLEAR, _CLEAR_TURNS, 0)
 
     def sync_read(self, servo_ids: Sequence[int], address: int, length: int) -> dict[int, Status]:
         """The same block of several servos with one instruction.
@@ -94,7 +130,7 @@ class ServoBus:
         if status.error_number == StatusError.CRC:
             raise TransientError(device, _REFUSALS[StatusError.CRC], "check the cable")
         if status.error_number in _OF_VALUES and instruction in (Instruction.READ, Instruction.PING):
-            raise TransientError(device, "answered an earlier instruction, late", "check the cable")
+            raise TransientError(device, "answered an earlier instruction, late", _LATE)
         if status.error_number:
             number = status.error_number
             why = _REFUSALS.get(number, f"refuses with the unknown error {number}")

@@ -5,10 +5,13 @@ At 62.5 Hz the low-pass lies at 15.6 Hz; a mean over one second has then noise o
 
 import math
 import time
+from functools import partial
 
 from rig.bus.deadline import Deadline, wait_until
 from rig.bus.i2c import I2cBus
 from rig.bus.i2c_chip import I2cChip
+from rig.errors import WrongDeviceError
+from rig.fault_notes import note_fault
 from rig.readings import AccelerationReading, Instant
 from rig.sensors.sampling import LEAST_READINGS, read_for, require_noise
 
@@ -38,6 +41,8 @@ _RESET_TRIES = 5
 _RESET_S = 0.005
 
 _G_PER_COUNT = 3.9e-6  # at ±2 g
+_ADXL357_FACTOR = 5.0
+"""The ADXL357 has the same identity, and 51,200 counts to 1 g where this chip has 256,000 (data sheet ADXL356/357 Rev. A)."""
 _SAMPLE_S = 1 / 62.5
 _SETTLING_SAMPLES = 4
 _READY_TIMEOUT_S = 0.5
@@ -51,6 +56,12 @@ def decode_axis(data: bytes) -> int:
 def decode_temperature_c(data: bytes) -> float:
     """Degrees Celsius from TEMP2 and TEMP1: 12 bits, unsigned, falling as it warms; the rest is reserved."""
     return 25.0 + ((int.from_bytes(data, "big") & 0x0FFF) - 1885) / -9.05
+
+
+def _acceleration_g(data: bytes) -> tuple[float, float, float]:
+    """The three axes from the eleven bytes of temperature and sample."""
+    x, y, z = (decode_axis(data[i : i + 3]) for i in (2, 5, 8))
+    return x * _G_PER_COUNT, y * _G_PER_COUNT, z * _G_PER_COUNT
 
 
 class Adxl355:
@@ -67,7 +78,17 @@ class Adxl355:
         self._chip.write_register(_RANGE, _RANGE_2_G)
         self._chip.write_register(_POWER_CTL, _MEASURE)
         time.sleep(_SETTLING_SAMPLES * _SAMPLE_S)
-        self._chip.read_register(_TEMP2, 11)  # a sample from before the filter settled
+        self._require_its_scale(self._chip.read_register(_TEMP2, 11))
+
+    def _require_its_scale(self, sample: bytes) -> None:
+        """Raise ``WrongDeviceError`` where gravity comes out as an ADXL357 would show it."""
+        size_g = math.hypot(*_acceleration_g(sample))
+        if 0.9 <= size_g * _ADXL357_FACTOR <= 1.1:
+            raise WrongDeviceError(
+                self._chip.name,
+                f"shows gravity as {size_g:.3f} g, in the scale of an ADXL357 (±10 to ±40 g), whose identity is the same",
+                "fit an ADXL355",
+            )
 
     def _reset(self) -> None:
         # The trim values in the shadow registers are sometimes not loaded by a reset; Linux repeats it, too.
@@ -89,10 +110,11 @@ class Adxl355:
         """Model, revision, address and bus."""
         return f"{self._chip.name}, revision {self._chip.read_register(_REVID)[0]}"
 
-    def read(self) -> AccelerationReading:
+    def read(self, *, without_temperature: bool = False) -> AccelerationReading:
         """The next sample, 16 ms after the last.
 
-        Raises ``TransientError`` where none comes, or one that no accelerometer at rest can give.
+        Raises ``TransientError`` where none comes, or one that no accelerometer at rest can give. ``without_temperature``
+        takes one whose temperature cannot be, as NaN, and notes it.
         """
         ready = wait_until(
             lambda: bool(self._status() & _DATA_READY), Deadline.after(_READY_TIMEOUT_S), _SAMPLE_S / 4
@@ -102,16 +124,21 @@ class Adxl355:
         data = self._chip.read_register(_TEMP2, 11)
         at = Instant.now()
         temperature_c = decode_temperature_c(data[:2])
-        x_g, y_g, z_g = (decode_axis(data[i : i + 3]) * _G_PER_COUNT for i in (2, 5, 8))
+        x_g, y_g, z_g = _acceleration_g(data)
         if not -40.0 <= temperature_c <= 125.0:
-            raise self._chip.implausible(f"{temperature_c:.0f} °C")
+            if not without_temperature:
+                raise self._chip.implausible(f"{temperature_c:.0f} °C")
+            note_fault(
+                self._chip.name, f"says {temperature_c:.0f} °C of itself", "went on without a temperature"
+            )
+            temperature_c = math.nan
         if not 0.5 <= math.hypot(x_g, y_g, z_g) <= 1.5:
             raise self._chip.implausible(f"{math.hypot(x_g, y_g, z_g):.2f} g in all")
         return AccelerationReading(x_g, y_g, z_g, temperature_c, at.monotonic_s, at.utc)
 
     def read_many(self, duration_s: float) -> list[AccelerationReading]:
         """All samples of ``duration_s``. Raises ``DeviceError`` where all are the same: a frozen chip."""
-        readings = read_for(self.read, duration_s, LEAST_READINGS)
+        readings = read_for(partial(self.read, without_temperature=True), duration_s, LEAST_READINGS)
         require_noise(self._chip.name, [(r.x_g, r.y_g, r.z_g) for r in readings])
         return readings
 

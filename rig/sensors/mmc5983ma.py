@@ -10,6 +10,8 @@ import time
 from rig.bus.deadline import Deadline, wait_until
 from rig.bus.i2c import I2cBus
 from rig.bus.i2c_chip import I2cChip
+from rig.errors import TransientError
+from rig.fault_notes import note_fault
 from rig.readings import FieldReading, Instant
 from rig.sensors.sampling import LEAST_READINGS, read_for, require_noise
 
@@ -72,6 +74,7 @@ class Mmc5983ma:
         if not wait_until(lambda: self._has(_OTP_READ), Deadline.after(_TIMEOUT_S), _POLL_S):
             raise self._chip.broken("could not load its factory trim")
         self._chip.write_register(_CONTROL_1, _BANDWIDTH_100_HZ)
+        self._tells_temperature = True
 
     def identify(self) -> str:
         """Model, address and bus."""
@@ -80,21 +83,39 @@ class Mmc5983ma:
     def read(self) -> FieldReading:
         """Field and zero from one SET and RESET pair, some 30 ms.
 
-        Raises ``TransientError`` where a measurement does not end, is out of range, or implausible.
+        Raises ``TransientError`` where a measurement does not end, is out of range, or implausible. A temperature that cannot
+        be read is None: the field needs none, SET and RESET take its drift out.
         """
         after_set = self._measure_after(_SET)
         after_reset = self._measure_after(_RESET)
         at = Instant.now()
-        self._convert(_MEASURE_TEMPERATURE, _TEMPERATURE_DONE)
-        temperature_c = decode_temperature_c(self._chip.read_register(_TOUT)[0])
-        if not -40.0 <= temperature_c <= 105.0:
-            raise self._chip.implausible(f"{temperature_c:.0f} °C")
+        temperature_c = self._temperature_c()
         pairs = list(zip(after_set, after_reset, strict=True))
         x_ut, y_ut, z_ut = ((a - b) / 2 * _UT_PER_COUNT for a, b in pairs)
         if max(abs(x_ut), abs(y_ut), abs(z_ut)) < NO_FIELD_UT:
             raise self._chip.implausible("SET and RESET make no difference")
         zero_x, zero_y, zero_z = ((a + b) / 2 * _UT_PER_COUNT for a, b in pairs)
         return FieldReading(x_ut, y_ut, z_ut, (zero_x, zero_y, zero_z), temperature_c, at.monotonic_s, at.utc)
+
+    def _temperature_c(self) -> float | None:
+        """None, and noted, where it is not measured, or is none that there is; one that failed once is not waited for again."""
+        if not self._tells_temperature:
+            return None
+        try:
+            self._convert(_MEASURE_TEMPERATURE, _TEMPERATURE_DONE)
+            temperature_c = decode_temperature_c(self._chip.read_register(_TOUT)[0])
+        except TransientError as error:
+            self._tells_temperature = False
+            note_fault(
+                self._chip.name, f"its temperature cannot be read: {error.problem}", "the field needs none"
+            )
+            return None
+        if not -40.0 <= temperature_c <= 105.0:
+            note_fault(
+                self._chip.name, f"says {temperature_c:.0f} °C of itself", "the field needs no temperature"
+            )
+            return None
+        return temperature_c
 
     def _measure_after(self, pulse: int) -> Counts:
         self._chip.write_register(_CONTROL_0, pulse)

@@ -1,12 +1,13 @@
-"""MS5611-01BA03, barometer (TE, data sheet 06/2017 for the compensation, AN520 for the checksum).
+"""MS5611-01BA03 and MS5607-02BA03, barometers (TE, data sheets 06/2017 for the compensation, AN520 for the checksum).
 
-The MS5607 answers to the same commands at the same address, with other factors, and its memory does not
-tell it apart: nothing but the pressure, half of what it should be, shows that the wrong one was soldered.
+Both answer to the same commands at the same address, with other factors, and their memory does not tell them apart: nothing
+but the pressure, half or twice of what it should be, shows that the other one was soldered (``rig.possible_altitude``).
 """
 
 import struct
 import time
 from dataclasses import dataclass
+from typing import Literal
 
 from rig.bus.i2c import I2cBus
 from rig.bus.i2c_chip import I2cChip
@@ -49,17 +50,42 @@ def crc4(prom: bytes) -> int:
     return remainder >> 12
 
 
-def compensate(c: Coefficients, raw_pressure: int, raw_temperature: int) -> tuple[int, int]:
+@dataclass(frozen=True)
+class Factors:
+    """What the two chips compute differently, as powers of two and, below 20 °C and below -15 °C, as whole factors."""
+
+    offset: int
+    offset_slope: int
+    sensitivity: int
+    sensitivity_slope: int
+    cold_offset_16: int
+    cold_sensitivity_4: int
+    very_cold_offset: int
+    very_cold_sensitivity_2: int
+
+
+FACTORS = {
+    "ms5611": Factors(16, 7, 15, 8, 40, 5, 7, 11),
+    "ms5607": Factors(17, 6, 16, 7, 61, 8, 15, 16),
+}
+
+
+def compensate(
+    c: Coefficients, raw_pressure: int, raw_temperature: int, model: Literal["ms5611", "ms5607"] = "ms5611"
+) -> tuple[int, int]:
     """Pressure in Pa and temperature in 0.01 °C from D1 and D2, second order below 20 °C."""
+    f = FACTORS[model]
     dt = raw_temperature - (c.c5 << 8)
     temperature = 2000 + (dt * c.c6 >> 23)
-    offset = (c.c2 << 16) + (c.c4 * dt >> 7)
-    sensitivity = (c.c1 << 15) + (c.c3 * dt >> 8)
+    offset = (c.c2 << f.offset) + (c.c4 * dt >> f.offset_slope)
+    sensitivity = (c.c1 << f.sensitivity) + (c.c3 * dt >> f.sensitivity_slope)
     if temperature < 2000:
         below_20 = (temperature - 2000) ** 2
         below_minus_15 = (temperature + 1500) ** 2 if temperature < -1500 else 0
-        offset -= (5 * below_20 >> 1) + 7 * below_minus_15
-        sensitivity -= (5 * below_20 >> 2) + (11 * below_minus_15 >> 1)
+        offset -= (f.cold_offset_16 * below_20 >> 4) + f.very_cold_offset * below_minus_15
+        sensitivity -= (f.cold_sensitivity_4 * below_20 >> 2) + (
+            f.very_cold_sensitivity_2 * below_minus_15 >> 1
+        )
         temperature -= dt * dt >> 31
     return (raw_pressure * sensitivity >> 21) - offset >> 15, temperature
 
@@ -67,8 +93,11 @@ def compensate(c: Coefficients, raw_pressure: int, raw_temperature: int) -> tupl
 class Ms5611:
     """The chip, idle between readings. Raises ``WrongDeviceError`` for another chip, else ``DeviceError``."""
 
-    def __init__(self, bus: I2cBus, address: int = DEFAULT_ADDRESS) -> None:
-        self._chip = I2cChip(bus, address, "MS5611")
+    def __init__(
+        self, bus: I2cBus, address: int = DEFAULT_ADDRESS, *, model: Literal["ms5611", "ms5607"] = "ms5611"
+    ) -> None:
+        self._chip = I2cChip(bus, address, model.upper())
+        self._model: Literal["ms5611", "ms5607"] = model
         self._require_no_bmp3()
         self._chip.transfer(bytes([_RESET]))
         time.sleep(_RESET_S)
@@ -102,7 +131,7 @@ class Ms5611:
         raw_temperature = self._convert(_CONVERT_TEMPERATURE_4096)
         raw_pressure = self._convert(_CONVERT_PRESSURE_4096)
         at = Instant.now()
-        pressure_pa, temperature = compensate(self._coefficients, raw_pressure, raw_temperature)
+        pressure_pa, temperature = compensate(self._coefficients, raw_pressure, raw_temperature, self._model)
         if not (30_000 <= pressure_pa <= 120_000 and -4000 <= temperature <= 8500):
             raise self._chip.implausible(f"{pressure_pa / 100:.0f} hPa at {temperature / 100:.0f} °C")
         return PressureReading(pressure_pa / 100, temperature / 100, at.monotonic_s, at.utc)

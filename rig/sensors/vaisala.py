@@ -8,7 +8,7 @@ checksum is the sum of all bytes from SOH to ETX, modulo 256, in hexadecimal dig
 
 import re
 
-from rig.errors import MessageError
+from rig.errors import MessageError, NoReadingError
 from rig.readings import Instant, PressureReading
 from rig.sensors.nmea import pressure_reading
 
@@ -22,7 +22,7 @@ _NO_ERROR = b"000"
 
 def parse_pa50(line: bytes, at: Instant) -> PressureReading:
     """The pressure in one line. Raises ``MessageError`` where it is none, is damaged, or reports an error."""
-    text = line[max(line.rfind(SOH), 0) :].rstrip(b"\r\n")
+    text = line[max(line.rfind(SOH), 0) :].rstrip(b"\r\n\x00")
     match = _MESSAGE.fullmatch(text)
     if match is None:
         raise MessageError(f"{text[:82]!r} is no PA50 message")
@@ -35,7 +35,10 @@ def parse_pa50(line: bytes, at: Instant) -> PressureReading:
         raise MessageError(f"a PA50 message has {len(fields)} values instead of {_FIELDS}")
     pressure, error = fields[0], fields[-1]
     if error != _NO_ERROR:
-        raise MessageError(f"the barometer reports the error {error.decode()}")
+        raise NoReadingError(
+            f"the barometer reports the error {error.decode()}", "look its error code up in its manual"
+        )
     if not _NUMBER.fullmatch(pressure):
-        raise MessageError(f"a PA50 message has {pressure.decode()!r} instead of a pressure")
-    return pressure_reading(float(pressure), None, at)
+        raise NoReadingError(f"a PA50 message has {pressure.decode()!r} instead of a pressure")
+    step_hpa = 10.0 ** -len(pressure.partition(b".")[2])
+    return pressure_reading(float(pressure), None, at, resolution_hpa=step_hpa, source="PA50")

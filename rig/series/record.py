@@ -23,7 +23,9 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from localizer.bundle import Bundle
+from localizer.bundle import Bundle, is_bundle_id
+from localizer.documents import DocumentError, json_values, read_file
+from localizer.os_errors import why_not_read, why_not_written
 from rig.atomic import sync, write_atomically
 from rig.clock import wall_clock
 from rig.errors import RigError
@@ -31,6 +33,7 @@ from rig.measure import utc_text
 
 FILE_NAME = "series.jsonl"
 SCHEMA = "skyfix.series/1"
+MOST_RECORD_BYTES = 256_000_000
 
 
 class SeriesError(RigError):
@@ -133,7 +136,7 @@ class Series:
                 file.flush()
                 os.fsync(file.fileno())
         except OSError as error:
-            raise SeriesError(f"{path}: cannot be written: {error.strerror}; the series ends here") from error
+            raise SeriesError(f"{path}: {why_not_written(error)}; the series ends here") from error
 
 
 def begin_series(out_dir: Path, plan: Plan) -> Series:
@@ -145,7 +148,7 @@ def begin_series(out_dir: Path, plan: Plan) -> Series:
         write_atomically(folder / FILE_NAME, json.dumps(header).encode() + b"\n")
         sync(out_dir)
     except OSError as error:
-        raise SeriesError(f"{folder}: cannot be written: {error.strerror}; choose another --out") from error
+        raise SeriesError(f"{folder}: {why_not_written(error, 'choose another --out')}") from error
     return Series(folder, plan)
 
 
@@ -162,18 +165,20 @@ def load_series(folder: Path) -> Series:
     """Read a series' record. ``SeriesError`` names the line that is damaged."""
     path = folder / FILE_NAME
     try:
-        lines = path.read_bytes().split(b"\n")
+        lines = read_file(path, MOST_RECORD_BYTES).split(b"\n")
     except OSError as error:
-        raise SeriesError(f"{path}: cannot be read: {error.strerror}") from error
+        raise SeriesError(f"{path}: {why_not_read(error, path)}") from error
+    except DocumentError as error:
+        raise SeriesError(f"{path}: {error}; --fresh begins another series") from error
     series: Series | None = None
     for number, line in enumerate(lines[:-1], 1):  # the last is empty, or was torn
         try:
-            entry = json.loads(line)
+            entry = json_values(line)
             if series is None:
                 series = Series(folder, _plan(entry))
             else:
                 _add(series, entry)
-        except (ValueError, KeyError, TypeError) as error:
+        except (DocumentError, ValueError, KeyError, TypeError, AttributeError) as error:
             raise SeriesError(
                 f"{path}: line {number} is damaged ({error}); --fresh begins another series"
             ) from error
@@ -219,6 +224,8 @@ def _add(series: Series, entry: Mapping[str, Any]) -> None:
         series.begun[entry["begun"]] = time
     elif "taken" in entry:
         number = entry["taken"]
+        if not is_bundle_id(entry["bundle"]):
+            raise ValueError("names a bundle that can be none")
         series.outcomes[number] = Outcome(number, time, entry["took_s"], entry["bundle"], entry["readings"])
     else:
         number = entry["failed"]

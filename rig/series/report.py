@@ -7,6 +7,7 @@ import click
 
 from localizer.bundle import load_bundle
 from localizer.errors import SkyfixError
+from localizer.os_errors import why_not_written
 from rig.atomic import write_atomically
 from rig.bundle.preview import write_preview
 from rig.measure import utc_text
@@ -61,7 +62,7 @@ class Reports:
         try:
             write_atomically(path, json.dumps(found, indent=2).encode() + b"\n")
         except OSError as error:
-            self.say(f"rig: {path}: cannot be written: {error.strerror}")
+            self.say(f"rig: {path}: {why_not_written(error)}")
 
     def _draw(self, outcome: Outcome) -> None:
         path = self._series.preview(outcome)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from localizer.bundle import Bundle, BundleError, load_bundle
-from rig.bundle.facts import bundles_in, readings
+from rig.bundle.facts import bundles_in, extra_of, readings
 from rig.clock import wall_clock
 from rig.errors import RigError
 from rig.series.record import Outcome, Series
@@ -66,7 +66,7 @@ def _left_by_a_crash(series: Series, number: int) -> Bundle | None:
     for path in bundles_in(series.bundles):
         if path.name not in known:
             bundle = load_bundle(path)
-            raw = (bundle.model_extra or {}).get("raw") or {}
+            raw = extra_of(bundle, "raw")
             if raw.get("series") == mark and "recalibrated_from" not in raw:
                 return bundle
     return None

@@ -1,18 +1,36 @@
 """Telemetry read back: to the end of a whole file, and as far as it goes in one that was cut off."""
 
-import json
+import dataclasses
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
+import lz4.frame
+import zstandard
 from mcap.exceptions import McapError
-from mcap.records import Channel, Footer, Message, Schema
-from mcap.stream_reader import CRCValidationError, StreamReader
+from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Schema
+from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
 from mcap.writer import Writer
 
+from localizer.documents import json_values
+from localizer.os_errors import why_not_read, why_not_written
 from rig.errors import RigError
+
+MOST_RECORD_BYTES = 64_000_000
+"""Of one record, or of what a chunk unpacks to; rig's own chunks have a megabyte."""
+MOST_WINDOW_BYTES = 1 << 27
+_DAMAGED = (
+    McapError,
+    CRCValidationError,
+    struct.error,
+    KeyError,
+    ValueError,
+    OverflowError,
+    RuntimeError,  # of lz4
+    zstandard.ZstdError,
+)
 
 
 class TelemetryReadError(RigError):
@@ -34,7 +52,7 @@ class Logged:
 
     def value(self) -> Any:
         """The JSON values."""
-        return json.loads(self.message.data)
+        return json_values(self.message.data)
 
 
 class TelemetryFile:
@@ -53,14 +71,14 @@ class TelemetryFile:
             with self.path.open("rb") as file:
                 yield from self._messages(file)
         except OSError as error:
-            raise TelemetryReadError(f"{self.path}: cannot be read: {error.strerror}") from error
+            raise TelemetryReadError(f"{self.path}: {why_not_read(error, self.path)}") from error
 
     def _messages(self, file: IO[bytes]) -> Iterator[Logged]:
         channels: dict[int, Channel] = {}
         schemas: dict[int, Schema] = {}
         whole = False
         try:
-            for record in StreamReader(file, validate_crcs=True, record_size_limit=2**30).records:
+            for record in _records(file):
                 match record:
                     case Schema():
                         schemas[record.id] = record
@@ -71,7 +89,7 @@ class TelemetryFile:
                         yield Logged(channel, schemas.get(channel.schema_id), record)
                     case Footer():
                         whole = True
-        except (McapError, CRCValidationError, struct.error, KeyError, UnicodeDecodeError) as error:
+        except _DAMAGED as error:
             if not channels:
                 raise TelemetryReadError(
                     f"{self.path}: is no MCAP file, or ends before its first message"
@@ -82,37 +100,82 @@ class TelemetryFile:
                 )
 
 
+def _records(file: IO[bytes]) -> Iterator[McapRecord]:
+    """All records, those in chunks among them. What a chunk unpacks to is limited before it is unpacked.
+
+    ``StreamReader`` alone believes what a chunk says of its size, and has no limit for lz4.
+    """
+    bounded: Any = _Bounded(file)
+    for record in StreamReader(
+        bounded, emit_chunks=True, validate_crcs=True, record_size_limit=MOST_RECORD_BYTES
+    ).records:
+        if not isinstance(record, Chunk):
+            yield record
+            continue
+        data = _unpacked(record.compression, record.data)
+        plain = dataclasses.replace(record, compression="", data=data, uncompressed_size=len(data))
+        yield from breakup_chunk(plain, validate_crc=True)
+
+
+def _unpacked(compression: str, data: bytes) -> bytes:
+    if compression == "zstd":
+        unpacker = zstandard.ZstdDecompressor(max_window_size=MOST_WINDOW_BYTES)
+        unpacked = unpacker.stream_reader(data).read(MOST_RECORD_BYTES + 1)
+    elif compression == "lz4":
+        unpacked = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=MOST_RECORD_BYTES + 1)
+    else:
+        unpacked = data
+    if len(unpacked) > MOST_RECORD_BYTES:
+        raise ValueError(f"a chunk of more than {MOST_RECORD_BYTES / 1e6:g} MB")
+    return bytes(unpacked)
+
+
+class _Bounded:
+    """A file that gives no more at once than a record may have, whatever a length in it says."""
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self._file = file
+
+    def read(self, size: int = -1) -> bytes:
+        if not 0 <= size <= MOST_RECORD_BYTES:
+            raise ValueError("a length beyond all records")
+        return self._file.read(size)
+
+
 def mend(source: Path, target: Path) -> int:
     """Write all messages that can be read into a new, whole, indexed file; how many there are."""
     count = 0
     try:
         with target.open("xb") as file:
-            writer = Writer(file)
-            writer.start(profile="", library="skyfix")
-            channels: dict[int, int] = {}
-            for logged in TelemetryFile(source):
-                channel, schema, message = logged.channel, logged.schema, logged.message
-                if channel.id not in channels:
-                    schema_id = (
-                        writer.register_schema(schema.name, schema.encoding, schema.data) if schema else 0
-                    )
-                    channels[channel.id] = writer.register_channel(
-                        channel.topic, channel.message_encoding, schema_id, channel.metadata
-                    )
-                writer.add_message(
-                    channels[channel.id],
-                    log_time=message.log_time,
-                    data=message.data,
-                    publish_time=message.publish_time,
-                    sequence=message.sequence,
-                )
-                count += 1
-            writer.finish()
+            try:
+                count = _copied(source, file)
+            except BaseException:
+                target.unlink()
+                raise
     except OSError as error:
-        raise TelemetryReadError(
-            f"{target}: cannot be written: {error.strerror}; choose another name"
-        ) from error
-    except TelemetryReadError:
-        target.unlink()
-        raise
+        raise TelemetryReadError(f"{target}: {why_not_written(error, 'choose another name')}") from error
+    return count
+
+
+def _copied(source: Path, file: IO[bytes]) -> int:
+    count = 0
+    writer = Writer(file)
+    writer.start(profile="", library="skyfix")
+    channels: dict[int, int] = {}
+    for logged in TelemetryFile(source):
+        channel, schema, message = logged.channel, logged.schema, logged.message
+        if channel.id not in channels:
+            schema_id = writer.register_schema(schema.name, schema.encoding, schema.data) if schema else 0
+            channels[channel.id] = writer.register_channel(
+                channel.topic, channel.message_encoding, schema_id, channel.metadata
+            )
+        writer.add_message(
+            channels[channel.id],
+            log_time=message.log_time,
+            data=message.data,
+            publish_time=message.publish_time,
+            sequence=message.sequence,
+        )
+        count += 1
+    writer.finish()
     return count

@@ -80,7 +80,7 @@ HEAD_STATE = _object(
 ACCELERATION = _object(
     "skyfix.Acceleration", timestamp=TIME, x_g=NUMBER, y_g=NUMBER, z_g=MAYBE, temperature_c=NUMBER
 )
-FIELD = _object("skyfix.Field", timestamp=TIME, x_ut=NUMBER, y_ut=NUMBER, z_ut=NUMBER, temperature_c=NUMBER)
+FIELD = _object("skyfix.Field", timestamp=TIME, x_ut=NUMBER, y_ut=NUMBER, z_ut=NUMBER, temperature_c=MAYBE)
 HEADING = _object(
     "skyfix.Heading",
     timestamp=TIME,

@@ -17,6 +17,7 @@ from typing import IO
 
 from mcap.writer import Writer
 
+from localizer.os_errors import why_not_written
 from rig.camera import TimedFrame
 from rig.config import RigConfig
 from rig.errors import RigError
@@ -145,9 +146,7 @@ def _new_file(path: Path) -> tuple[Path, IO[bytes]]:
                 continue
             raise TelemetryError(f"{path}: {name.parent} is no folder; choose another name") from None
         except OSError as error:
-            raise TelemetryError(
-                f"{path}: cannot be written: {error.strerror}; choose another name"
-            ) from error
+            raise TelemetryError(f"{path}: {why_not_written(error, 'choose another name')}") from error
     raise TelemetryError(f"{path}: is taken, and so are 9999 more names; clear up")
 
 

@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from rig.attitude.level import in_axes
+from rig.attitude.talker_headings import heading_doubts
 from rig.bus.retry import retry
 from rig.bus.serial_port import SerialPort
 from rig.camera import Camera, TimedFrame
@@ -21,14 +22,18 @@ from rig.config import (
     CompassSection,
     InclinometerSection,
     Mmc5983maSection,
+    NmeaCompassSection,
     PanTiltSection,
+    Place,
     RigConfig,
 )
 from rig.config import Servo as ServoSection
 from rig.connect import open_altimeter, open_compass, open_inclinometer
 from rig.dynamixel.servo import Servo, read_states, require_models
 from rig.dynamixel.servo_bus import ServoBus
+from rig.errors import DeviceError, RigError
 from rig.measure import altitude_from, read_level, read_pressure
+from rig.possible_altitude import AltitudeBounds, altitude_bounds, require_possible
 from rig.readings import FieldReading, HeadingReading
 
 HEAD_PAUSE_S = 0.2
@@ -65,9 +70,9 @@ def sources_of(config: RigConfig) -> dict[str, Opener]:
         "inclinometer": partial(_inclinometer, config.inclinometer),
     }
     if config.compass:
-        found["compass"] = partial(_compass, config.compass)
+        found["compass"] = partial(_compass, config.compass, config.place)
     if config.altimeter:
-        found["altimeter"] = partial(_altimeter, config.altimeter)
+        found["altimeter"] = partial(_altimeter, config.altimeter, altitude_bounds(config))
     return {**found, "camera": partial(_camera, config.camera)}
 
 
@@ -78,11 +83,21 @@ def _head(section: PanTiltSection) -> Iterator[Source]:
         joints = {"pan": section.pan, "tilt": section.tilt}
         servos = {name: Servo(bus, joint.id, joint.model, name) for name, joint in joints.items()}
         firmware = retry(partial(require_models, bus, {joint.id: joint.model for joint in joints.values()}))
+        for servo in servos.values():
+            retry(servo.answer_reads)
         identity = ", ".join(
             f"{name} {joint.model} firmware {firmware[joint.id]} (id {joint.id})"
             for name, joint in joints.items()
         )
         yield Source(identity, partial(_read_head, bus, servos, joints))
+
+
+def _turned_by_hand(servo: Servo, position_tick: int) -> list[str]:
+    try:
+        servo.require_one_turn(position_tick)
+    except DeviceError as error:
+        return [f"{servo.name}: {error.problem}; turn it back by hand"]
+    return []
 
 
 def _read_head(bus: ServoBus, servos: Mapping[str, Servo], joints: Mapping[str, ServoSection]) -> Reading:
@@ -92,6 +107,7 @@ def _read_head(bus: ServoBus, servos: Mapping[str, Servo], joints: Mapping[str, 
     values: dict[str, Any] = {}
     for (name, servo), state in zip(servos.items(), states, strict=True):
         values[f"{name}_deg"] = round(joints[name].angle_deg(state.position_tick), 3)
+        warnings += _turned_by_hand(servo, state.position_tick)
         if state.alert:
             warnings += [f"{servo.name}: {error}" for error in retry(servo.hardware_errors)]
     values |= {
@@ -122,21 +138,30 @@ def _inclinometer(section: InclinometerSection) -> Iterator[Source]:
 
 
 @contextmanager
-def _compass(section: CompassSection) -> Iterator[Source]:
+def _compass(section: CompassSection, place: Place | None) -> Iterator[Source]:
     with closing(open_compass(section)) as compass:
 
         def read() -> Reading:
             readings = retry(partial(compass.read_many, COMPASS_S))
             last = readings[-1]
             if isinstance(last, HeadingReading):
-                return _heading(last)
+                assert isinstance(section, NmeaCompassSection)
+                return _heading(last, _doubts(last, section, place))
             assert isinstance(section, Mmc5983maSection)
             return _field([each for each in readings if isinstance(each, FieldReading)], section)
 
         yield Source(compass.identify(), read)
 
 
-def _heading(reading: HeadingReading) -> Reading:
+def _doubts(reading: HeadingReading, section: NmeaCompassSection, place: Place | None) -> tuple[str, ...]:
+    """What a capture would note of a heading, or be refused for."""
+    try:
+        return tuple(heading_doubts([reading], section, place))
+    except RigError as error:
+        return (str(error),)
+
+
+def _heading(reading: HeadingReading, warnings: tuple[str, ...]) -> Reading:
     values = {
         "heading_deg": reading.heading_deg,
         "reference": reading.reference,
@@ -144,7 +169,7 @@ def _heading(reading: HeadingReading) -> Reading:
         "pitch_deg": reading.pitch_deg,
         "roll_deg": reading.roll_deg,
     }
-    return Reading(values, reading.monotonic_s)
+    return Reading(values, reading.monotonic_s, warnings)
 
 
 def _field(readings: list[FieldReading], section: Mmc5983maSection) -> Reading:
@@ -163,7 +188,7 @@ def _field(readings: list[FieldReading], section: Mmc5983maSection) -> Reading:
 
 
 @contextmanager
-def _altimeter(section: AltimeterSection) -> Iterator[Source]:
+def _altimeter(section: AltimeterSection, bounds: Sequence[AltitudeBounds]) -> Iterator[Source]:
     with closing(open_altimeter(section)) as barometer:
 
         def read() -> Reading:
@@ -175,6 +200,12 @@ def _altimeter(section: AltimeterSection) -> Iterator[Source]:
                 "altitude_sigma_m": round(altitude.sigma_m, 2),
                 "temperature_c": _rounded(pressure.temperature_c),
             }
+            try:
+                require_possible(
+                    altitude.altitude_m, pressure.pressure_hpa, section, barometer.identify(), bounds
+                )
+            except DeviceError as error:
+                return Reading(values, time.monotonic(), (f"{error.problem}; {error.remedy}",))
             return Reading(values, time.monotonic())
 
         yield Source(barometer.identify(), read)

@@ -1,4 +1,4 @@
-"""ADXL355: three-axis accelerometer, 20 bit (data sheet ADXL354/355 Rev. D, register map)."""
+"""ADXL355: three-axis accelerometer, 20 bit (data sheet ADXL354/355 Rev. D, register map); and the coarser ADXL357."""
 
 from collections import deque
 from collections.abc import Callable
@@ -34,6 +34,9 @@ class Adxl355(RegisterChip):
 
     ``noise_density_g`` is in g per square root of hertz. Offsets and drift belong to ``acceleration_g``.
     """
+
+    lsb_g = LSB_G
+    """At the smallest range."""
 
     def __init__(
         self,
@@ -87,7 +90,7 @@ class Adxl355(RegisterChip):
             self._temperature = int(np.clip(round(reading), 0, 4095))
 
     def _encode(self, acceleration_g: NDArray[np.float64]) -> bytes:
-        lsb_g = LSB_G * 2 ** ((self._registers[RANGE] & 0x03) - 1)
+        lsb_g = self.lsb_g * 2 ** ((self._registers[RANGE] & 0x03) - 1)
         data = b""
         for axis, value in enumerate(acceleration_g):
             high, low = (self._registers.get(OFFSET_X_H + 2 * axis + i, 0) for i in range(2))
@@ -139,3 +142,9 @@ class Adxl355(RegisterChip):
             if register == POWER_CTL and not value & STANDBY:
                 rate_hz = ODR_MAX_HZ / 2 ** min(self._registers.get(FILTER, 0) & 0x0F, 10)
                 self._sampler.start(self._clock(), rate_hz, CORNER)
+
+
+class Adxl357(Adxl355):
+    """ADXL357: the same registers and identity, ranges of 10, 20 and 40 g (data sheet ADXL356/357 Rev. A, 51,200 LSB/g)."""
+
+    lsb_g = 1 / 51_200

@@ -1,4 +1,4 @@
-"""MS5611-01BA03: barometer with commands instead of registers (data sheet 06/2017)."""
+"""MS5611-01BA03 and MS5607-02BA03: barometers with commands instead of registers (data sheets 06/2017)."""
 
 from collections.abc import Callable
 
@@ -8,6 +8,7 @@ RESET, READ_ADC, CONVERT_PRESSURE, CONVERT_TEMPERATURE, READ_PROM = 0x1E, 0x00, 
 CONVERSION_S = {0: 0.0005, 2: 0.0011, 4: 0.0021, 6: 0.0041, 8: 0.00822}
 RESET_S = 0.0028
 COEFFICIENTS = (40127, 36924, 23317, 23282, 33464, 28312)
+COEFFICIENTS_5607 = (46372, 43981, 29059, 27842, 31553, 28165)
 FULL_SCALE = 1 << 24
 
 
@@ -43,6 +44,27 @@ def compensate(pressure_raw: int, temperature_raw: int, c: tuple[int, ...] = COE
     return temperature, (pressure_raw * sensitivity // 2**21 - offset) // 2**15
 
 
+def compensate_5607(
+    pressure_raw: int, temperature_raw: int, c: tuple[int, ...] = COEFFICIENTS_5607
+) -> tuple[int, int]:
+    """``compensate`` of the MS5607."""
+    difference = temperature_raw - c[4] * 2**8
+    first_order = 2000 + difference * c[5] // 2**23
+    offset = c[1] * 2**17 + c[3] * difference // 2**6
+    sensitivity = c[0] * 2**16 + c[2] * difference // 2**7
+    temperature = first_order
+    if first_order < 2000:
+        cold = (first_order - 2000) ** 2
+        temperature -= difference**2 // 2**31
+        offset -= 61 * cold // 2**4
+        sensitivity -= 2 * cold
+        if first_order < -1500:
+            very_cold = (first_order + 1500) ** 2
+            offset -= 15 * very_cold
+            sensitivity -= 8 * very_cold
+    return temperature, (pressure_raw * sensitivity // 2**21 - offset) // 2**15
+
+
 def _smallest(reaches: Callable[[int], bool]) -> int:
     """The smallest raw reading for which ``reaches`` holds, which then holds for all larger ones."""
     low, high = 0, FULL_SCALE - 1
@@ -54,6 +76,9 @@ def _smallest(reaches: Callable[[int], bool]) -> int:
 
 class Ms5611:
     """The chip, measuring ``pressure_pa()`` and ``temperature_c()``; ``noise_pa``: one sigma at OSR 4096."""
+
+    coefficients = COEFFICIENTS
+    compensate = staticmethod(compensate)
 
     def __init__(
         self,
@@ -71,7 +96,7 @@ class Ms5611:
         self._clock = clock
         self._rng = rng
         self._noise_pa = noise_pa
-        words = [0x0051, *COEFFICIENTS, 0x4500]
+        words = [0x0051, *self.coefficients, 0x4500]
         self._prom = [*words[:7], words[7] | crc4(words)]
         self._answer = b""
         self._converted = 0
@@ -106,14 +131,21 @@ class Ms5611:
 
     def _convert(self, what: int, noise_pa: float) -> int:
         centi_c = round(self._temperature_c() * 100)
-        raw_temperature = _smallest(lambda raw: compensate(0, raw)[0] >= centi_c)
+        raw_temperature = _smallest(lambda raw: self.compensate(0, raw)[0] >= centi_c)
         if what == CONVERT_TEMPERATURE:
             return raw_temperature
         pressure_pa = round(self._pressure_pa() + self._rng.normal(0.0, noise_pa))
-        return _smallest(lambda raw: compensate(raw, raw_temperature)[1] >= pressure_pa)
+        return _smallest(lambda raw: self.compensate(raw, raw_temperature)[1] >= pressure_pa)
 
     def _result(self) -> int:
         """The conversion's result, once; 0 when asked too early, which spoils it, or again."""
         result = self._converted if self._clock() >= self._done_s else 0
         self._converted = 0
         return result
+
+
+class Ms5607(Ms5611):
+    """The MS5607: it answers the same, and its raw values mean another pressure."""
+
+    coefficients = COEFFICIENTS_5607
+    compensate = staticmethod(compensate_5607)

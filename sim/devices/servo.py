@@ -39,6 +39,15 @@ GAINS = (
     *("velocity_i_gain", "velocity_p_gain", "position_d_gain", "position_i_gain", "position_p_gain"),
     *("feedforward_2nd_gain", "feedforward_1st_gain"),
 )
+PROTOCOL_2 = 2
+STARTUP_TORQUE, RAM_RESTORE = 1, 2
+NO_ID = 253
+"""Secondary IDs from here on are off."""
+
+FULL_PWM = 885
+RESTORED = (*GAINS, "profile_acceleration", "profile_velocity")
+"""What RAM Restore brings back when the servo starts."""
+
 MULTI_TURN_CLEAR = bytes([0x01, 0x44, 0x58, 0x4C, 0x22])
 
 
@@ -63,9 +72,9 @@ class GearTrain:
 class Servo:
     """A servo on the bus: give it instructions, ask for its shaft at any time, from any thread.
 
-    Positions inside are ticks of the output shaft, drive mode and homing offset left aside. Faults are put in
-    through ``fail``, ``block``, ``silent`` (a broken wire), ``false_alert``, ``gears``, ``supply_v`` and
-    ``temperature_c``.
+    Positions inside are ticks of the output shaft, drive mode and homing offset left aside; they count on over whole
+    turns, as the cable does. ``eeprom`` is what an installer or another program has left in any register. Faults are put in
+    through ``fail``, ``block``, ``silent`` (a broken wire), ``false_alert``, ``gears``, ``supply_v`` and ``temperature_c``.
     """
 
     def __init__(
@@ -101,6 +110,7 @@ class Servo:
         self._tripped = False
         self._kept: tuple[int, bytes] | None = None
         self._deaf_until_s = -math.inf
+        self._backup = {name: self._table[name] for name in RESTORED}
         self._power_up()
 
     # -- what the bus needs to know
@@ -111,8 +121,17 @@ class Servo:
             return self._table[name]
 
     def hears(self) -> bool:
-        """Whether it is there to hear anything: not while it reboots, nor on a broken wire."""
+        """Whether it is there to hear Protocol 2.0: not while it reboots, nor on a broken wire, nor set to Protocol 1.0."""
+        return self.is_there() and self._table["protocol_type"] >= PROTOCOL_2
+
+    def is_there(self) -> bool:
+        """Whether it is there to hear anything."""
         return not self.silent and self._clock() >= self._deaf_until_s
+
+    def obeys(self, servo_id: int) -> bool:
+        """Whether it carries out, without an answer, what another id is told: its Secondary ID."""
+        secondary = self._table["secondary_id"]
+        return secondary == servo_id and secondary < NO_ID and servo_id != self._table["id"]
 
     def heard_packet(self) -> None:
         """Note that the host is alive (Bus Watchdog)."""
@@ -145,10 +164,20 @@ class Servo:
             self._measure()
             return self._table.read(address, length)
 
-    def write(self, address: int, data: bytes) -> int:
-        """Apply a write, all of it or nothing; returns the error number."""
+    def turn_by_hand(self, by_deg: float) -> None:
+        """Turn the shaft, which nothing holds; the count of turns goes on. ``ValueError`` where the torque is on."""
+        with self._lock:
+            now = self._advance()
+            if self._table["torque_enable"]:
+                raise ValueError("the torque is on: nobody turns the shaft by hand")
+            self._motion = motion.rest(self._motion.at(now)[0] + by_deg / DEG_PER_TICK, now)
+
+    def write(self, address: int, data: bytes, *, ram_only: bool = False) -> int:
+        """Apply a write, all of it or nothing; returns the error number. ``ram_only`` by its Secondary ID."""
         with self._lock:
             self._advance()
+            if ram_only and address < EEPROM_END:
+                return StatusError.ACCESS
             error, changes = self._table.fields_of(address, data)
             for field, value in changes:
                 error = error or self._refusal(field, value)
@@ -187,7 +216,11 @@ class Servo:
         with self._lock:
             self._advance()
             self._table.reset(from_address=EEPROM_END)
+            if self._table["startup_configuration"] & RAM_RESTORE:
+                for name, value in self._backup.items():
+                    self._table[name] = value
             self._power_up()
+            self._table["torque_enable"] = self._table["startup_configuration"] & STARTUP_TORQUE
             self._deaf_until_s = self._clock() + REBOOT_S
             return StatusError.NONE
 
@@ -372,8 +405,14 @@ class Servo:
         self._stopped_from_deg_s = velocity * DEG_PER_TICK
         self._motion = motion.turn(position, velocity, speed / DEG_PER_TICK, acceleration, now)
 
+    def _power_share(self) -> float:
+        """How much of its speed the motor reaches: PWM Limit and Goal PWM bound what the position controller puts out."""
+        if not self._table["position_p_gain"] and not self._table["position_i_gain"]:
+            return 0.0
+        return min(self._table["pwm_limit"], abs(self._table["goal_pwm"])) / FULL_PWM
+
     def _move_to(self, goal: float) -> None:
-        if self._blocked:
+        if self._blocked or not self._power_share():
             return
         now = self._clock()
         position, velocity = self._motion.at(now)
@@ -407,7 +446,7 @@ class Servo:
             acceleration_deg_s2 = self._acceleration_deg_s2()
         tiny = 1e-6
         return (
-            min(max(speed_deg_s, tiny), self.model.speed_deg_s),
+            min(max(speed_deg_s, tiny), self.model.speed_deg_s * self._power_share()),
             min(max(acceleration_deg_s2, tiny), STRONGEST_ACCELERATION_DEG_S2),
         )
 

@@ -2,7 +2,7 @@
 
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 from sim.devices.dynamixel_packet import (
     BROADCAST_ID,
@@ -20,6 +20,7 @@ from sim.devices.x_series import BAUD_RATES
 IDLE_LINE_S = 0.1
 """A packet that stops for so long is given up, as the firmware does."""
 
+PROTOCOL_1, PROTOCOL_1_PING = 1, 1
 PING_LEVEL, READ_LEVEL, WRITE_LEVEL = 0, 1, 2
 
 
@@ -47,7 +48,8 @@ class ServoBus:
         if now - self._heard_s > IDLE_LINE_S:
             self._reader.forget()
         self._heard_s = now
-        return b"".join(self._answer(request, baud) for request in self._reader.feed(data))
+        answers = b"".join(self._answer(request, baud) for request in self._reader.feed(data))
+        return answers + b"".join(_protocol_1_status(servo, data) for servo in self.servos)
 
     def _on_line(self, data: bytes, baud: int) -> bytes:
         self.spoken_to.set()
@@ -72,9 +74,37 @@ class ServoBus:
             return b"".join(_status(servo, StatusError.CRC) for servo in addressed)
         for servo in addressed:
             servo.heard_packet()
+        _follow(there.values(), request)
         if request.instruction in GROUP_INSTRUCTIONS:
             return GROUP_INSTRUCTIONS[request.instruction](there, request.parameters) if broadcast else b""
         return b"".join(_single(servo, request, broadcast=broadcast) for servo in addressed)
+
+
+def _protocol_1_status(servo: Servo, data: bytes) -> bytes:
+    """The answer of a servo that is set to Protocol 1.0 to a ping in it; it understands nothing else here."""
+    if not servo.is_there() or servo.register("protocol_type") != PROTOCOL_1:
+        return b""
+    body = bytes([servo.register("id"), 2, PROTOCOL_1_PING])
+    answer = bytes([servo.register("id"), 2, 0])
+    return _protocol_1(answer) if data == _protocol_1(body) else b""
+
+
+def _protocol_1(body: bytes) -> bytes:
+    """A packet of Protocol 1.0: header, body and the complement of its sum."""
+    return b"\xff\xff" + body + bytes([~sum(body) & 0xFF])
+
+
+def _follow(servos: Iterable[Servo], request: Request) -> None:
+    """Have those with a Secondary ID carry out what another servo is told: RAM only, and without an answer (manual, 2.4.8)."""
+    for servo in servos:
+        if not servo.obeys(request.servo_id):
+            continue
+        servo.heard_packet()
+        if request.instruction == Instruction.WRITE:
+            address = int.from_bytes(request.parameters[:2], "little")
+            servo.write(address, request.parameters[2:], ram_only=True)
+        elif request.instruction == Instruction.REBOOT:
+            servo.reboot()
 
 
 def _status(servo: Servo, error: int, data: bytes = b"") -> bytes:

@@ -84,6 +84,14 @@ def ohpr(heading: Heading) -> bytes:
     )
 
 
+def os5000(heading: Heading) -> bytes:
+    """OceanServer OS5000 as it comes from the factory: letters before numbers, no commas."""
+    return sentence(
+        f"C{_circle(heading.magnetic_heading_deg)}P{heading.pitch_deg:.1f}R{heading.roll_deg:.1f}"
+        f"T{heading.temperature_c:.1f}"
+    )
+
+
 def xdr(air: Air) -> bytes:
     """Transducer measurements: temperature and pressure in one sentence, bar."""
     body = f"WIXDR,C,{air.temperature_c:+06.1f},C,TEMP,P,{air.pressure_hpa / 1000:.5f},B,Barometer"
@@ -112,6 +120,7 @@ COMPASSES: dict[str, Callable[[Heading], bytes]] = {
     "ths": ths,
     "ptnthpr": ptnthpr,
     "ohpr": ohpr,
+    "os5000": os5000,
 }
 BAROMETERS: dict[str, Callable[[Air], bytes]] = {"xdr": xdr, "mda": mda, "vaisala-pa50": vaisala_pa50}
 
@@ -123,12 +132,16 @@ class Talker:
     change, cut or drop what is said.
     """
 
-    def __init__(self, message: Callable[[], bytes], *, rate_hz: float, baud: int) -> None:
+    def __init__(
+        self, message: Callable[[], bytes], *, rate_hz: float, baud: int, port: PtyPort | None = None
+    ) -> None:
+        """``port`` is another talker's, where one stream carries both."""
         self.baud = baud
         self.on_wire: Callable[[bytes], bytes] = bytes
         self._message = message
         self._period_s = 1.0 / rate_hz
-        self.port = PtyPort()
+        self.has_own_port = port is None
+        self.port = port or PtyPort()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._talk, name=f"talker {self.port.path}")
         self._thread.start()
@@ -142,7 +155,8 @@ class Talker:
         """Fall silent and take the port away. May be called twice."""
         self._stop.set()
         self._thread.join()
-        self.port.close()
+        if self.has_own_port:
+            self.port.close()
 
     def _talk(self) -> None:
         while not self._stop.wait(self._period_s):

@@ -6,10 +6,10 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from localizer.answer import Located, fix_of
+from localizer.answer import Located, fix_of, metric_covariance
 from localizer.details import LocateResult, SolvedErrors
 from localizer.fix import Fix
-from localizer.geodesy import enu_to_metric_jacobian
+from localizer.ground import ground_offset_m
 from localizer.horizon.from_terrain import Terrain
 from localizer.observation import Observation
 
@@ -31,10 +31,7 @@ class Answer:
     def to_observation(cls, terrain: Terrain, observation: Observation, located: Located) -> Self:
         """Of a search among contours."""
         best = located.best
-        covariances = []
-        for candidate in located.decision.candidates:
-            turn = enu_to_metric_jacobian(terrain.dem, candidate.row, candidate.col)
-            covariances.append(turn @ candidate.covariance_enu_m2 @ turn.T)
+        covariances = [metric_covariance(terrain, candidate) for candidate in located.decision.candidates]
         errors = None
         if best is not None:
             errors = SolvedErrors(
@@ -64,18 +61,20 @@ class Answer:
         )
 
     def off_by(self, easting_m: float, northing_m: float) -> tuple[float, float] | None:
-        """Distance of the position from a place, metres, and its square in the fix's own covariance."""
+        """Distance of the position from a place, metres of the ground, and its square in the fix's own covariance."""
         fix = self.fix
         if fix.position is None or fix.covariance_m2 is None:
             return None
-        off = np.array([fix.position.easting_m - easting_m, fix.position.northing_m - northing_m])
+        here = fix.position.easting_m, fix.position.northing_m
+        off = ground_offset_m(fix.position.crs, here, (easting_m, northing_m))
         return float(np.hypot(*off)), float(off @ np.linalg.solve(np.array(fix.covariance_m2), off))
 
     def probability_of(self, easting_m: float, northing_m: float, near_m: float) -> float | None:
         """Probability of the nearest candidate within ``near_m`` or 5 sigma of a place; None without one."""
         found = []
+        crs = self.fix.position.crs if self.fix.position else ""
         for candidate, covariance in zip(self.fix.candidates, self.covariances_m2, strict=True):
-            off = np.array([candidate.easting_m - easting_m, candidate.northing_m - northing_m])
+            off = ground_offset_m(crs, (candidate.easting_m, candidate.northing_m), (easting_m, northing_m))
             distance_m = float(np.hypot(*off))
             if distance_m <= near_m or off @ np.linalg.solve(covariance, off) <= NEAR_SIGMAS**2:
                 found.append((distance_m, candidate.probability))

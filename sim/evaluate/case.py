@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from localizer.crs import transform_xy
 from localizer.horizon.from_terrain import Terrain
 from localizer.locate import locate, locate_bundle
 from sim.evaluate.answer import Answer
@@ -134,8 +135,13 @@ def _row(
     """``took_s``: of the whole search, where that is more or less than the sum of the fix's own times."""
     fix, errors = answer.fix, answer.errors
     easting, northing = truth.easting_northing_m
-    off_m, mahalanobis2 = answer.off_by(easting, northing) or (None, None)
-    truth_probability = answer.probability_of(easting, northing, NEAR_CELLS * terrain.cell_m)
+    searched, drawn = (
+        terrain.dem.metric_crs,
+        truth.surface.terrain.metric_crs,
+    )  # of half a DEM it may be the next zone
+    there_x, there_y = (float(value) for value in transform_xy(drawn, searched, easting, northing))
+    off_m, mahalanobis2 = answer.off_by(there_x, there_y) or (None, None)
+    truth_probability = answer.probability_of(there_x, there_y, NEAR_CELLS * terrain.cell_m)
     contour_error = _contour_errors(exact, answer)
     searching = {part: seconds for part, seconds in fix.timing_s.items() if part != "prepare"}
     return CaseRow(
@@ -145,8 +151,8 @@ def _row(
         outside=outside,
         true_row=truth.observer.row,
         true_col=truth.observer.col,
-        true_easting_m=easting,
-        true_northing_m=northing,
+        true_easting_m=there_x,
+        true_northing_m=there_y,
         true_altitude_m=truth.observer.altitude_m,
         frames=sum(len(u) > 1 for u, _ in answer.contours_px),
         status=fix.status,

@@ -93,6 +93,8 @@ def _error_against_bound(axes: Axes, rows: Sequence[CaseRow]) -> None:
 def _error_map(axes: Axes, rows: Sequence[CaseRow]) -> None:
     east = np.array([(r.easting_m or 0.0) - r.true_easting_m for r in rows])
     north = np.array([(r.northing_m or 0.0) - r.true_northing_m for r in rows])
+    ground = [r.error_m or 0.0 for r in rows] / np.maximum(np.hypot(east, north), 1e-9)
+    east, north = east * ground, north * ground
     axes.scatter(east, north, s=8.0, alpha=0.6, color=COLOUR)
     reach = 1.1 * float(np.quantile(np.hypot(east, north), 0.98)) or 1.0
     axes.set(xlabel="east of the truth, m", ylabel="north of the truth, m", aspect="equal")

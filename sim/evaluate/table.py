@@ -15,6 +15,7 @@ from typing import Any
 from pydantic import ValidationError
 
 import localizer
+from localizer.documents import DocumentError, json_values
 from sim.errors import SimulationError
 from sim.evaluate.case import Experiment
 from sim.evaluate.row import CaseRow
@@ -43,17 +44,17 @@ def read_table(path: Path, settings: dict[str, Any]) -> dict[int, CaseRow]:
     """
     if not path.exists():
         return {}
-    text = path.read_text(encoding="utf-8")
-    text = text[: text.rfind("\n") + 1]
-    if not text:
-        return {}
-    first, _, body = text.partition("\n")
     try:
+        text = path.read_text(encoding="utf-8")
+        text = text[: text.rfind("\n") + 1]
+        if not text:
+            return {}
+        first, _, body = text.partition("\n")
         if not first.startswith(MARK):
             raise ValueError("its first line holds no settings")
-        _compare(path, json.loads(first.removeprefix(MARK)), json.loads(json.dumps(settings)))
+        _compare(path, json_values(first.removeprefix(MARK)), json.loads(json.dumps(settings)))
         rows = [CaseRow.from_cells(cells) for cells in csv.DictReader(io.StringIO(body))]
-    except (ValueError, ValidationError) as error:
+    except (ValueError, ValidationError, DocumentError, csv.Error) as error:
         reason = str(error).splitlines()[0]
         raise SimulationError(f"{path}: is no table of cases: {reason}; choose another --out") from error
     return {row.case: row for row in rows}

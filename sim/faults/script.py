@@ -9,8 +9,6 @@ share = 0.5         # a parameter of this fault
 """
 
 import difflib
-import json
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,18 +41,9 @@ def load_faults(path: Path) -> tuple[Fault, ...]:
     Raises:
         SimulationError: it cannot be read, or an entry names what there is not.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-        content = json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
-    except OSError as error:
-        raise SimulationError(
-            f"fault script {path}: {error.strerror or error}; name a readable file"
-        ) from error
-    except (
-        ValueError
-    ) as error:  # UnicodeDecodeError, TOMLDecodeError and JSONDecodeError are all of this kind
-        kind = "JSON" if path.suffix == ".json" else "TOML"
-        raise SimulationError(f"fault script {path}: not valid {kind}: {error}") from error
+    from sim.documents import json_file, toml_file  # of the commands; faults themselves do without
+
+    content: Any = (json_file if path.suffix == ".json" else toml_file)("fault script", path)
     entries = content.get("fault") if isinstance(content, dict) else content
     if not isinstance(entries, list) or (isinstance(content, dict) and set(content) != {"fault"}):
         raise SimulationError(f"fault script {path}: expected a list of [[fault]] tables and nothing else")

@@ -1,5 +1,6 @@
 """I2C buses: the kernel's at the ioctl boundary, the bridge's over a socket, sharing, and clear errors."""
 
+import contextlib
 import ctypes
 import errno
 import os
@@ -305,3 +306,32 @@ def test_a_driver_that_refuses_its_chip_gives_the_bus_back(kernel):
 def test_a_driver_gets_bus_and_address(kernel):
     driver: Callable[[I2cBus, int], tuple[str, int]] = lambda bus, address: (str(bus), address)  # noqa: E731
     assert open_chip(driver, "/dev/i2c-1", 0x76) == ("/dev/i2c-1", 0x76)
+
+
+@pytest.mark.parametrize(("length", "number"), [(3, errno.EIO), (60_000, errno.ETIMEDOUT)])
+def test_a_bridge_that_answers_another_length_fails_the_transfer(
+    monkeypatch: pytest.MonkeyPatch, length: int, number: int
+) -> None:
+    """Too little would be a traceback in a driver; 60,000 bytes, one now and then, have one deadline for all of them."""
+    monkeypatch.setattr("rig.bus.i2c._BRIDGE_TIMEOUT_S", 0.3)
+    ended = threading.Event()
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def answer() -> None:
+            connection, _ = server.accept()
+            with connection:
+                connection.recv(100)
+                connection.sendall(struct.pack(">HH", 0, length) + b"abc")
+                while not ended.wait(0.05):
+                    with contextlib.suppress(OSError):
+                        connection.sendall(b"x")
+
+        thread = threading.Thread(target=answer)
+        thread.start()
+        bus = BridgeI2c("127.0.0.1", server.getsockname()[1], 1)
+        with pytest.raises(OSError) as failure:  # noqa: PT011
+            bus.transfer(0x76, b"\x00", 2)
+        assert failure.value.errno == number
+        ended.set()
+        thread.join()
+        bus.close()

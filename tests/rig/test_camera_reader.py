@@ -94,8 +94,8 @@ def test_closed_port() -> None:
     with Camera(section("http://127.0.0.1:9/stream.mjpg")) as camera, pytest.raises(DeviceError) as caught:
         camera.wait_open()
     assert str(caught.value) == (
-        "camera http://127.0.0.1:9/stream.mjpg: cannot be opened; "
-        "check that it is connected and running, and [camera] source"
+        "camera http://127.0.0.1:9/stream.mjpg: cannot be opened: the connection is refused: nothing listens on port 9 of "
+        "127.0.0.1; switch the camera's stream on, or correct the port in [camera] source"
     )
 
 

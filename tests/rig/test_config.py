@@ -5,7 +5,14 @@ from pathlib import Path
 
 import pytest
 
-from rig.config import I2cAltimeterSection, NmeaCompassSection, RigConfig, config_path, load_config
+from rig.config import (
+    I2cAltimeterSection,
+    NmeaCompassSection,
+    RigConfig,
+    SerialAltimeterSection,
+    config_path,
+    load_config,
+)
 from rig.errors import ConfigError
 
 VEHICLE = Path(__file__).parents[2] / "configs" / "vehicle.toml"
@@ -73,6 +80,50 @@ def test_serial_compass(tmp_path: Path) -> None:
     assert config.compass.baud == 4800
 
 
+TALKERS = """[compass]
+kind = "nmea"
+port = "{compass}"
+require_checksum = false
+sentence = "HDG"
+[altimeter]
+kind = "{kind}"
+port = "{altimeter}"
+baud = {baud}
+{keys}
+reference_pressure_hpa = 1013.25
+reference_altitude_m = 0.0
+[camera]"""
+
+
+def talkers(
+    compass: str = "/dev/a", altimeter: str = "/dev/a", baud: int = 4800, kind: str = "nmea", keys: str = ""
+) -> tuple[str, str]:
+    """The example configuration with two talkers."""
+    text = TALKERS.format(compass=compass, altimeter=altimeter, baud=baud, kind=kind, keys=keys)
+    return r"^\[compass\].*^\[camera\]", text
+
+
+def test_two_talkers_may_share_a_port(tmp_path: Path) -> None:
+    config = load_changed(tmp_path, talkers(keys='transducer = "Barometer"'))
+    assert isinstance(config.altimeter, SerialAltimeterSection)
+    assert config.altimeter.transducer == "Barometer"
+    assert load_changed(tmp_path, talkers(altimeter="/dev/b", baud=9600)).altimeter
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (
+            talkers(baud=9600),
+            "[compass] and [altimeter] share a port and have another baud each; give both the same",
+        ),
+        (talkers(kind="vaisala-pa50", keys='transducer = "X"'), "are for kind nmea, not for vaisala-pa50"),
+    ],
+)
+def test_talkers_that_do_not_fit_are_told(tmp_path: Path, change: tuple[str, str], said: str) -> None:
+    assert said in problem(tmp_path, change)
+
+
 def test_directions_may_be_degrees(tmp_path: Path) -> None:
     config = load_changed(tmp_path, (r"^directions = .*?\]", 'directions = [0, 90.5, "SW"]'))
     assert [d.label for d in config.capture.parsed_directions()] == ["A000", "A090.5", "SW"]
@@ -113,7 +164,7 @@ def test_directions_may_be_degrees(tmp_path: Path) -> None:
         (
             '^kind = "bmp390"',
             'kind = "bmp"',
-            "[altimeter] kind: 'bmp' is none of bmp390, bmp388, ms5611, nmea, vaisala-pa50",
+            "[altimeter] kind: 'bmp' is none of bmp390, bmp388, ms5611, ms5607, nmea, vaisala-pa50",
         ),
         ('^kind = "bmp390".*?$', "", "[altimeter] kind: missing key"),
         (

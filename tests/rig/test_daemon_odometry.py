@@ -324,3 +324,22 @@ def test_a_talker_without_a_course_is_told_of_once() -> None:
         "odometry says no course",
         "odometry says its course again",
     ]
+
+
+@pytest.mark.parametrize(
+    ("line", "keys", "moves"),
+    [
+        (b"\\s:ODO*01\\" + sentence("IIVTG,90.0,T,,M,10.0,N,18.52,K,A") + b"\x00", {}, True),
+        (sentence("IIVTG,90.0,T,,M,10.0,N,18.52,K,S"), {}, False),
+        (sentence("IIVTG,90.0,T,,M,10.0,N,18.52,K,E"), {}, False),
+        (sentence("IIVTG,90.0,T,,M,10.0,N,18.52,K,E"), {"accept_estimated": True}, True),
+        (b"$IIVTG,90.0,T,,M,10.0,N,18.52,K,A", {}, False),
+        (b"$IIVTG,90.0,T,,M,10.0,N,18.52,K,A", {"require_checksum": False}, True),
+    ],
+)
+def test_what_counts_as_a_movement_on_the_line(line: bytes, keys: dict[str, bool], moves: bool) -> None:
+    told: list[None] = []
+    section = SECTION.model_copy(update=keys)
+    with closing(OdometryListener(section, captured_at(0.0), lambda: told.append(None))) as listener:
+        listener._take(line, 1.0)
+    assert bool(told) == moves

@@ -52,7 +52,15 @@ def test_bad_configurations_are_refused_a_trigger_is_answered_and_a_stop_in_the_
 ) -> None:
     daemon.until_ready()
     good = daemon.config_path.read_text()
-    bad = good.replace("[pan_tilt]", "[pan_tlit]"), good.replace(str(EMBEDDED_DEM), "nowhere.tif")
+    bad = (
+        good.replace("[pan_tilt]", "[pan_tlit]"),
+        good.replace(str(EMBEDDED_DEM), "nowhere.tif"),
+        "a = " + "[" * 20_000,
+    )
+    with socket.socket(socket.AF_UNIX) as client:
+        client.connect(str(daemon.control))
+        client.sendall(b"[" * 4096)
+        assert b"error" in client.recv(4096)
     for number, text in enumerate(bad, 1):
         daemon.config_path.write_text(text)
         daemon.process.send_signal(signal.SIGHUP)

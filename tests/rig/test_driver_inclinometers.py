@@ -10,7 +10,10 @@ from fakes.chips import FakeI2cBus, RegisterChip
 from hypothesis import given
 from hypothesis import strategies as st
 
+from rig.attitude.accelerometer import AccelerometerCorrection
+from rig.attitude.level import head_level
 from rig.errors import DeviceError, TransientError, WrongDeviceError
+from rig.fault_notes import collecting
 from rig.sensors import adxl355, iis2iclx
 from rig.sensors.adxl355 import Adxl355
 from rig.sensors.iis2iclx import Iis2iclx
@@ -190,6 +193,21 @@ def test_adxl355_refuses_an_impossible_temperature(adxl, sensor):
         sensor.read()
 
 
+def test_a_mean_of_the_adxl355_does_without_its_temperature(adxl, sensor):
+    adxl.raw_temperature = 4095
+    with collecting() as faults:
+        readings = sensor.read_many(0.0)
+    assert all(math.isnan(reading.temperature_c) for reading in readings)
+    assert {note.problem for note in faults.all()} == {"says -219 °C of itself"}
+    level = head_level(readings, ("+x", "+y", "+z"), "ADXL355")
+    assert level.temperature_c is None
+    drifting = AccelerometerCorrection(drift_mg_c=(0.1, 0.0, 0.0))
+    with pytest.raises(
+        DeviceError, match=r"does not tell its temperature, and .inclinometer. drift_mg_c needs it"
+    ):
+        head_level(readings, ("+x", "+y", "+z"), "ADXL355", drifting)
+
+
 def test_adxl355_passes_a_fault_of_the_bus_on_and_works_again(adxl):
     bus = FakeI2cBus({0x1D: adxl})
     sensor = Adxl355(bus)
@@ -275,6 +293,12 @@ def test_iis2iclx_refuses_an_impossible_temperature(iis):
     iis.temperature = -32768
     with pytest.raises(TransientError, match="-103 °C"):
         Iis2iclx(FakeI2cBus({0x6A: iis})).read()
+
+
+def test_a_mean_of_the_iis2iclx_does_without_its_temperature(iis):
+    iis.temperature = -32768
+    readings = Iis2iclx(FakeI2cBus({0x6A: iis})).read_many(0.0)
+    assert all(math.isnan(reading.temperature_c) for reading in readings)
 
 
 def test_iis2iclx_whose_samples_are_all_the_same_is_frozen(iis):

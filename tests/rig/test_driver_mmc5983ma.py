@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rig.errors import DeviceError, TransientError, WrongDeviceError
+from rig.fault_notes import collecting
 from rig.sensors import mmc5983ma
 from rig.sensors.mmc5983ma import Mmc5983ma, decode_field, decode_temperature_c
 from rig.sensors.sampling import LEAST_READINGS
@@ -45,6 +46,7 @@ class FakeMmc5983ma(RegisterChip):
         self.temperature = 125
         self.answers = True
         self.otp_good = True
+        self.tells_temperature = True
         self._sign = 1
 
     def _written(self, register: int, value: int) -> None:
@@ -65,7 +67,7 @@ class FakeMmc5983ma(RegisterChip):
             )
             self.put(0x00, registers_of(*raw))
             self.registers[0x08] |= 0x01
-        if value & 0x02 and self.answers:
+        if value & 0x02 and self.answers and self.tells_temperature:
             self.registers[0x07] = self.temperature
             self.registers[0x08] |= 0x02
 
@@ -140,7 +142,22 @@ def test_a_magnet_that_saturates_the_sensor_is_told(chip, sensor, counts):
         sensor.read()
 
 
-def test_an_impossible_temperature_is_refused(chip, sensor):
+def test_an_impossible_temperature_does_not_refuse_the_field(chip, sensor):
     chip.temperature = 0
-    with pytest.raises(TransientError, match="-75 °C"):
-        sensor.read()
+    with collecting() as faults:
+        reading = sensor.read()
+    assert (reading.x_ut, reading.y_ut, reading.z_ut) == pytest.approx((20.0, -10.0, -40.0), abs=0.01)
+    assert reading.temperature_c is None
+    assert [note.problem for note in faults.all()] == ["says -75 °C of itself"]
+
+
+def test_a_temperature_that_is_never_measured_is_waited_for_once(chip, sensor, monkeypatch):
+    monkeypatch.setattr(mmc5983ma, "_TIMEOUT_S", 0.02)
+    chip.tells_temperature = False
+    with collecting() as faults:
+        readings = [sensor.read(), sensor.read()]
+    assert [reading.temperature_c for reading in readings] == [None, None]
+    assert [reading.x_ut for reading in readings] == pytest.approx([20.0, 20.0], abs=0.01)
+    (note,) = faults.all()
+    assert note.count == 1
+    assert note.problem.startswith("its temperature cannot be read: a measurement took longer")

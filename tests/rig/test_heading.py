@@ -203,10 +203,10 @@ def test_the_nearest_source_of_declination_wins() -> None:
     place = Place(lat_deg=47.0, lon_deg=8.0)
     assert declination(1.0, 2.0, place, NOVEMBER) == Declination(1.0, "configuration")
     assert declination(None, 2.0, place, NOVEMBER) == Declination(2.0, "talker")
+    assert declination(None, 0.0, place, NOVEMBER).source == "World Magnetic Model", "a filler"
+    assert declination(None, 9.0, place, NOVEMBER).source == "World Magnetic Model", "from elsewhere"
 
 
 def test_no_declination_to_be_had() -> None:
     with pytest.raises(ConfigError, match=r"\[compass\] declination_deg: needed.* or the rough \[place\]"):
         declination(None, None, None, NOVEMBER)
-    with pytest.raises(ConfigError, match="World Magnetic Model cannot: 2031-01-01"):
-        declination(None, None, Place(lat_deg=47.0, lon_deg=8.0), datetime(2031, 1, 1, tzinfo=UTC))

@@ -47,15 +47,16 @@ def wait_for(met: Callable[[], bool]) -> None:
 class Listener:
     """Reads /events; ``ended`` once the server has ended the stream."""
 
-    def __init__(self, url: str) -> None:
+    def __init__(self, url: str, headers: dict[str, str | bytes] | None = None) -> None:
         self.lines: list[str] = []
         self.ended = False
+        self._headers = headers or {}
         self._thread = threading.Thread(target=self._read, args=(url,), daemon=True)
         self._thread.start()
         wait_for(lambda: ": skyfix" in self.lines)
 
     def _read(self, url: str) -> None:
-        with httpx.stream("GET", f"{url}/events", timeout=WAIT_S) as response:
+        with httpx.stream("GET", f"{url}/events", timeout=WAIT_S, headers=self._headers) as response:
             for line in response.iter_lines():
                 self.lines.append(line)
         self.ended = True
@@ -78,6 +79,36 @@ def test_events_reach_all_who_listen_in_order_and_streams_end_with_the_server(sp
         assert [event["kind"] for event in log] == ["device", "answer"]
         assert log[0]["data"] == {"name": "camera", "state": "failing", "detail": "no picture"}
         assert "event: device" in listener.lines
+
+
+def test_who_listens_in_the_middle_of_a_fix_hears_of_it_first(spool: Spool) -> None:
+    board = Board()
+    with served(spool, board) as url:
+        early = Listener(url)
+        board.set_answer(answer_of(bundle_id(1)))
+        board.set_device("camera", "ok", "here")
+        wait_for(lambda: len(early.events()) == 2)
+        late = Listener(url)
+        wait_for(lambda: len(late.events()) == 1)
+        board.set_device("camera", "failing", "gone")
+        wait_for(lambda: len(late.events()) == 2)
+        assert [event["kind"] for event in late.events()] == ["answer", "device"]
+        assert late.events()[0]["data"] == {"bundle": bundle_id(1), "status": "fix", "mode": "whole DEM"}
+
+
+def test_who_was_cut_off_hears_what_was_missed(spool: Spool) -> None:
+    board = Board()
+    with served(spool, board) as url:
+        early = Listener(url)
+        for number in range(5):
+            board.tell("log", level="info", text=f"line {number}")
+        wait_for(lambda: len(early.events()) == 5)
+        numbers = [event["number"] for event in early.events()]
+        back = Listener(url, {"Last-Event-ID": str(numbers[2])})
+        wait_for(lambda: len(back.events()) == 2)
+        assert [event["number"] for event in back.events()] == numbers[3:]
+        for nonsense in ("99999", "-1", "one", "\N{ARABIC-INDIC DIGIT ONE}".encode("utf-8")):
+            assert Listener(url, {"Last-Event-ID": nonsense}).events() == []
 
 
 def test_a_reader_too_many_is_told_to_come_again_and_one_that_leaves_makes_room(spool: Spool) -> None:

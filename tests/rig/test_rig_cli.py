@@ -156,7 +156,9 @@ def test_a_chip_with_the_wrong_identity(run: Run, tmp_path: Path, monkeypatch: p
 def test_the_camera_is_absent(run: Run, running: RunningRig, tmp_path: Path) -> None:
     config = written(running, tmp_path, camera={"source": "http://127.0.0.1:9/stream.mjpg"})
     line = one_line(run("capture", "--config", config))
-    assert line.startswith("rig: camera http://127.0.0.1:9/stream.mjpg: cannot be opened; ")
+    assert line.startswith(
+        "rig: camera http://127.0.0.1:9/stream.mjpg: cannot be opened: the connection is refused"
+    )
     assert not running.rig.torque_is_on
 
 
@@ -218,7 +220,10 @@ def test_check_goes_on_after_a_failure(run: Run, running: RunningRig, tmp_path: 
     assert devices["inclinometer"]["ok"]
     status, out, _ = run("check", "--config", config)
     assert status == 1
-    assert "camera: camera http://127.0.0.1:9/: cannot be opened; check" in out
+    assert (
+        "camera: camera http://127.0.0.1:9/: cannot be opened: the connection is refused: nothing listens on port 9"
+        in out
+    )
 
 
 def test_check_finds_what_only_measuring_shows(run: Run, running: RunningRig, tmp_path: Path) -> None:
@@ -243,10 +248,14 @@ def test_move(run: Run, running: RunningRig, tmp_path: Path) -> None:
     status, out, _ = run("move", "--config", config, "--park", "--json")
     assert json.loads(out)["pan_deg"] == pytest.approx(0.0, abs=0.1)
     assert run("move", "--config", config, "--relax")[0] == 0
+    assert run("move", "--config", config, "40", "-10")[0] == 0
+    status, out, _ = run("move", "--config", config, "--park", "--relax", "--json")  # in this order
+    assert (status, json.loads(out)["pan_deg"]) == (0, pytest.approx(0.0, abs=0.1))
+    assert not running.rig.torque_is_on
 
 
 @pytest.mark.parametrize(
-    "arguments", [(), ("40",), ("--park", "--relax"), ("1", "2", "--park"), ("--park", "--azimuth", "3")]
+    "arguments", [(), ("40",), ("1", "2", "--park"), ("--park", "--azimuth", "3"), ("40", "--relax")]
 )
 def test_move_wants_one_goal(
     run: Run, running: RunningRig, tmp_path: Path, arguments: tuple[str, ...]

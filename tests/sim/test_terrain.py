@@ -1,11 +1,14 @@
 """The simulator's own reading of DEM files."""
 
+import gzip
 import os
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+import rasterio
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -76,3 +79,43 @@ def test_what_is_wrong_with_a_file_is_said_in_one_line(write_dem: WriteDem, tmp_
         with pytest.raises(SimulationError, match=message) as failure:
             read_terrain(paths)
         assert "\n" not in str(failure.value)
+
+
+def test_what_a_band_s_numbers_mean(write_dem: WriteDem, tmp_path: Path) -> None:
+    heights = np.array([[3000.0, 4000.0], [5000.0, -9999.0]])
+    path = write_dem(heights, name="scaled.tif")
+    with rasterio.open(path, "r+") as dataset:
+        dataset.scales = (0.1,)
+    np.testing.assert_allclose(read_terrain([path]).height_m, [[300.0, 400.0], [500.0, np.nan]])
+    with rasterio.open(path, "r+") as dataset:
+        dataset.scales = (0.0,)
+    with pytest.raises(SimulationError, match="scale 0"):
+        read_terrain([path])
+    decimetres = read_terrain([write_dem(heights, unit="dm", name="dm.tif")])
+    np.testing.assert_allclose(decimetres.height_m, [[300.0, 400.0], [500.0, np.nan]])
+
+
+def test_packed_files_are_read_and_networks_are_not(write_dem: WriteDem, tmp_path: Path) -> None:
+    path = write_dem(np.arange(20.0).reshape(4, 5), name="hills.tif")
+    packed = tmp_path / "hills.tif.gz"
+    packed.write_bytes(gzip.compress(path.read_bytes()))
+    archive = tmp_path / "hills.zip"
+    with zipfile.ZipFile(archive, "w") as file:
+        file.write(path, "hills.tif")
+    for name in (packed, Path(f"/vsigzip/{packed}"), Path(f"/vsizip/{archive}/hills.tif")):
+        assert read_terrain([name]).height_m.shape == (4, 5)
+    for name in (
+        "https://example.org/dem.tif",
+        "/vsicurl/https://example.org/dem.tif",
+        "s3://bucket/dem.tif",
+    ):
+        with pytest.raises(SimulationError, match="nothing is downloaded"):
+            read_terrain([Path(name)])
+
+
+def test_another_body_is_refused(write_dem: WriteDem) -> None:
+    path = write_dem(np.arange(20.0).reshape(4, 5), name="moon.tif")
+    with rasterio.open(path, "r+") as dataset:
+        dataset.crs = rasterio.crs.CRS.from_string("+proj=stere +lat_0=90 +R=1737400 +units=m")
+    with pytest.raises(SimulationError, match="nowhere on the Earth"):
+        read_terrain([path])

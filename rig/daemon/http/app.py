@@ -1,13 +1,14 @@
 """All paths of the server."""
 
 import asyncio
+import re
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
 import anyio.to_thread
-from fastapi import Depends, FastAPI, HTTPException, Request
+from fastapi import Depends, FastAPI, Header, HTTPException, Request
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 from fastapi.staticfiles import StaticFiles
 from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
@@ -18,27 +19,31 @@ from rig.daemon.board import Actions, Board
 from rig.daemon.config import HttpServer
 from rig.daemon.http.bundles import NOT_FOUND, BundleStore, Limit, bundle_routes
 from rig.daemon.http.guard import Guard, token_check
+from rig.daemon.http.health import add_health
+from rig.daemon.http.intake import Intake
 from rig.daemon.http.map import ReliefMap
 from rig.daemon.http.metrics import metrics_registry
 from rig.daemon.http.models import (
     TRIGGER_PROBLEM,
     TRIGGER_STATUS,
     CaptureAnswer,
-    LatestAnswer,
+    FixAnswer,
     LogEvent,
     MapSheet,
     Problem,
     State,
     TrackPoint,
-    latest_answer,
+    fix_answer,
     log_event,
     state_of,
     track_point,
 )
 from rig.daemon.http.relay import Relay, Stream, TooManyStreamsError
+from rig.daemon.obstacle import reason
 from rig.daemon.progress import Loops
 from rig.daemon.published import newest
 from rig.readings import Instant
+from rig.version import package_version
 
 PAGE = Path(__file__).parent / "page"
 MOST_THREADS = 8
@@ -73,12 +78,19 @@ def make_app(
             yield
 
     app = FastAPI(
-        title="skyfix", version="1", description=DESCRIPTION, lifespan=lifespan, docs_url=None, redoc_url=None
+        title="skyfix",
+        version=package_version(),
+        description=DESCRIPTION,
+        lifespan=lifespan,
+        docs_url=None,
+        redoc_url=None,
     )
+    app.add_middleware(Intake)
     app.add_middleware(Guard, names=section.names)
     _add_state(app, section, board, token is not None)
+    add_health(app, board, loops)
     _add_events(app, relay)
-    _add_actions(app, actions, token)
+    _add_actions(app, actions, board, token)
     _add_map(app, spool, relief)
     app.include_router(bundle_routes(spool), responses=TROUBLE)
     registry = metrics_registry(board, relay)
@@ -133,13 +145,16 @@ class _Page(StaticFiles):
 
 def _add_state(app: FastAPI, section: HttpServer, board: Board, can_act: bool) -> None:
     @app.get("/fix", tags=["state"], responses=NOT_FOUND)
-    async def fix() -> LatestAnswer:
-        """The answer to the newest capture, whatever its status, with its age; 404 as long as there is none."""
+    async def fix() -> FixAnswer:
+        """The answer to the newest capture, whatever its status, with its age; 404 as long as there is none.
+
+        Where that is no fix, ``last_fix`` is the last one, with its own age.
+        """
         snapshot = board.snapshot()
         last = newest(snapshot)
         if last is None:
-            raise HTTPException(404, "no answer yet: nothing has been located since the start")
-        return latest_answer(last, snapshot, section.valid_s, Instant.now())
+            raise HTTPException(404, "no answer yet: nothing has been located")
+        return fix_answer(last, snapshot, section.valid_s, Instant.now())
 
     @app.get("/status", tags=["state"])
     async def status() -> State:
@@ -161,11 +176,24 @@ def _add_events(app: FastAPI, relay: Relay) -> None:
         response_class=EventSourceResponse,
         responses={503: {"model": Problem, "description": "Too many read them already."}},
     )
-    async def events(waiting: Annotated[Stream, Depends(stream)]) -> AsyncIterator[ServerSentEvent]:
-        """Server-sent events as they happen, each a JSON object (as in /log); a comment where nothing does."""
+    async def events(
+        waiting: Annotated[Stream, Depends(stream)],
+        last_event_id: Annotated[str | None, Header()] = None,
+    ) -> AsyncIterator[ServerSentEvent]:
+        """Server-sent events as they happen, each a JSON object (as in /log); a comment where nothing does.
+
+        Begins with what was missed since ``Last-Event-ID``; without it with the latest answer, if there is one.
+        """
         yield ServerSentEvent(comment="skyfix", retry=3000)
-        while (event := await waiting.get()) is not None:
+        told = -1
+        number = re.fullmatch(r"[0-9]{1,18}", last_event_id or "")  # whatever else it says is none of ours
+        for event in relay.before(int(number[0]) if number else None):
+            told = event.number
             yield ServerSentEvent(data=log_event(event), event=event.kind, id=str(event.number))
+        while (event_or_end := await waiting.get()) is not None:
+            event = event_or_end
+            if event.number > told:
+                yield ServerSentEvent(data=log_event(event), event=event.kind, id=str(event.number))
 
     @app.get("/log", tags=["events"])
     async def log() -> list[LogEvent]:
@@ -173,24 +201,31 @@ def _add_events(app: FastAPI, relay: Relay) -> None:
         return [log_event(event) for event in relay.recent()]
 
 
-def _add_actions(app: FastAPI, actions: Actions, token: str | None) -> None:
+def _add_actions(app: FastAPI, actions: Actions, board: Board, token: str | None) -> None:
     @app.post(
         "/capture",
         tags=["actions"],
         status_code=202,
-        dependencies=[Depends(token_check(token))],
+        dependencies=[Depends(token_check(token, board.count))],
         responses={
-            401: {"model": Problem, "description": "The token is missing or wrong."},
+            401: {
+                "model": Problem,
+                "description": "The token is missing or wrong; a wrong one is answered late.",
+            },
             403: {"model": Problem, "description": "No token is configured."},
             409: {"model": Problem, "description": "A capture is going on."},
-            503: {"model": Problem, "description": "A device is missing, or the daemon ends."},
+            503: {
+                "model": Problem,
+                "description": "A device or room in the spool is missing, or the daemon ends.",
+            },
         },
     )
     def capture() -> CaptureAnswer:
         """Begin a capture. One at a time, and nothing is queued."""
         answer = actions.trigger("http")
         if answer != "started":
-            raise HTTPException(TRIGGER_STATUS[answer], TRIGGER_PROBLEM[answer])
+            why = f": {reason(board)}" if answer == "not ready" else ""
+            raise HTTPException(TRIGGER_STATUS[answer], f"{TRIGGER_PROBLEM[answer]}{why}")
         return CaptureAnswer(answer=answer)
 
 

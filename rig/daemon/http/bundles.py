@@ -10,19 +10,17 @@ from typing import Annotated, Any, Protocol
 
 from fastapi import APIRouter, HTTPException, Query
 from fastapi import Path as PathParameter
-from pydantic import ValidationError
 from starlette.responses import FileResponse
 
-from localizer.bundle import FILE_NAME, Bundle, BundleError
+from localizer.bundle import FILE_NAME, ID_PATTERN, MOST_BYTES, Bundle, BundleError, parse_bundle
+from localizer.documents import DocumentError, read_file
 from rig.daemon import skylines
 from rig.daemon.board import Answer
 from rig.daemon.http.models import BundleAnswer, BundleItem, Problem, bundle_answer, bundle_item
 from rig.daemon.skylines import BundleSkylines
 from rig.daemon.spool_index import Entry
 
-BundleId = Annotated[
-    str, PathParameter(pattern=r"^[0-9A-Za-z][0-9A-Za-z_-]{0,127}$", description="As in /bundles.")
-]
+BundleId = Annotated[str, PathParameter(pattern=f"^{ID_PATTERN}$", description="As in /bundles.")]
 FrameFile = Annotated[
     str,
     PathParameter(pattern=r"^[0-9A-Za-z][0-9A-Za-z_.-]{0,127}$", description="As N.png: see bundle.json."),
@@ -81,12 +79,12 @@ def bundle_routes(spool: BundleStore) -> APIRouter:
         """A frame, by the last part of its ``file`` in bundle.json."""
         folder = _folder(spool, bundle_id)
         try:
-            document = Bundle.model_validate_json(file_inside(folder, FILE_NAME).read_bytes())
-        except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            raise BundleError(
-                f"{bundle_id}: {FILE_NAME}: {'.'.join(map(str, first['loc']))}: {first['msg']}"
-            ) from None
+            content = read_file(file_inside(folder, FILE_NAME), MOST_BYTES)
+        except DocumentError as error:
+            raise BundleError(f"{bundle_id}: {FILE_NAME} {error}") from None
+        except OSError as error:
+            raise BundleError(f"{bundle_id}: {FILE_NAME}: {error.strerror}") from None
+        document = parse_bundle(content, f"{bundle_id}: {FILE_NAME}")
         for each in document.frames:
             if PurePosixPath(each.file).name == file_name:
                 kind = mimetypes.guess_type(file_name)[0] or ""

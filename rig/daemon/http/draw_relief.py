@@ -1,4 +1,4 @@
-"""A process of its own that draws a DEM: ``python -m rig.daemon.http.draw_relief FILE...``.
+"""A process of its own that draws a DEM: ``python -m rig.daemon.http.draw_relief DEM``, a ``DemChoice`` as JSON.
 
 Standard output gets one line of JSON, the fields of ``MapSheet`` but for ``image``, and then the picture, WebP.
 """
@@ -6,27 +6,30 @@ Standard output gets one line of JSON, the fields of ``MapSheet`` but for ``imag
 import json
 import os
 import sys
-from pathlib import Path
 
 import cv2
 import numpy as np
 
-from localizer.dem import load_dem
+from localizer.dem_options import DemChoice
+from localizer.documents import json_values
 from localizer.errors import SkyfixError
+from localizer.ground import map_metres
 from localizer.relief import dem_bounds_m, relief_image
 
 LEAST_PX, MOST_PX = 800, 2000
 PX_A_CELL = 2
 QUALITY = 85
+SCALES = 9
+"""Between them a map's scale runs straight to better than 1e-3."""
 NICENESS = 5
 """Nobody waits for a map while the head has to be moved."""
 
 
-def main(files: list[str]) -> int:
+def main(choice: str) -> int:
     """Draw; the status is 2 where the DEM cannot be used."""
     os.nice(NICENESS)
     try:
-        dem = load_dem([Path(file) for file in files])
+        dem = DemChoice.from_fields(json_values(choice)).load()
     except SkyfixError as error:
         print(error, file=sys.stderr)
         return 2
@@ -46,10 +49,14 @@ def main(files: list[str]) -> int:
         "height_px": image.shape[0],
         "lowest_m": float(np.nanmin(dem.z_m)),
         "highest_m": float(np.nanmax(dem.z_m)),
+        "scales": [
+            map_metres(dem.metric_crs, (west_m + east_m) / 2.0, float(northing_m)).scale
+            for northing_m in np.linspace(north_m, south_m, SCALES)
+        ],
     }
     sys.stdout.buffer.write(json.dumps(sheet).encode() + b"\n" + webp.tobytes())
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main(sys.argv[1]))

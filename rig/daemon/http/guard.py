@@ -5,27 +5,36 @@ browser. It cannot make the browser say another name than its own, so a name in 
 no names. What acts wants the token in a header, which no page from elsewhere can send.
 """
 
+import asyncio
 import hmac
 import ipaddress
 import logging
+import math
 import re
 import socket
 import stat
-from collections.abc import Callable, Iterable
+import time
+from collections.abc import Awaitable, Callable, Iterable
 from pathlib import Path
 from typing import Annotated
 
-from fastapi import HTTPException, Security
+from fastapi import HTTPException, Request, Security
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from localizer.documents import DocumentError, read_file
 from rig.errors import ConfigError
 
 _log = logging.getLogger(__name__)
 
 LEAST_TOKEN = 16
+MOST_TOKEN_BYTES = 4096
+FIRST_DELAY_S, LONGEST_DELAY_S = 0.1, 3.0
+"""Of the answer to a wrong token; it doubles with each one."""
+FORGIVEN_S = 60.0
+TOLD_EVERY_S = 60.0
 
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
@@ -69,6 +78,7 @@ class Guard:
         refusal = PlainTextResponse(
             f"asked as {asked}, which is not known here: use the address, or add the name to [run.http] names\n",
             status_code=421,
+            headers={"Connection": "close"},  # or a body would be taken in that nobody has looked at
         )
         await refusal(scope, receive, send_guarded)
 
@@ -91,8 +101,10 @@ def read_token(path: Path) -> str:
     """The token in a file, without the white space around it. ``ConfigError`` where it cannot be used."""
     where = f"[run.http] token_file {path}"
     try:
-        token = path.read_text(encoding="ascii").strip()
+        token = read_file(path, MOST_TOKEN_BYTES).decode("ascii").strip()
         mode = path.stat().st_mode
+    except DocumentError as error:
+        raise ConfigError(f"{where}: {error}; make one with: openssl rand -hex 16") from error
     except OSError as error:
         raise ConfigError(f"{where}: {error.strerror}; make one with: openssl rand -hex 16") from error
     except UnicodeDecodeError:
@@ -106,17 +118,50 @@ def read_token(path: Path) -> str:
     return token
 
 
+Check = Callable[[Request, HTTPAuthorizationCredentials | None], Awaitable[None]]
 _bearer = HTTPBearer(auto_error=False, description="The content of [run.http] token_file.")
 
 
-def token_check(token: str | None) -> Callable[[HTTPAuthorizationCredentials | None], None]:
-    """What a path that acts depends on: 403 where there is no token to show, 401 for a wrong one."""
+class _Guesses:
+    """Wrong tokens: each is answered later than the one before, one after the other, and now and then a line tells of them."""
 
-    def check(shown: Annotated[HTTPAuthorizationCredentials | None, Security(_bearer)]) -> None:
+    def __init__(self) -> None:
+        self._one_at_a_time = asyncio.Lock()
+        self._lately = 0
+        self._last_s = self._told_s = -math.inf
+        self._untold = 0
+
+    async def wrong(self, address: str) -> None:
+        """Wait, and perhaps tell."""
+        now_s = time.monotonic()
+        if now_s - self._last_s > FORGIVEN_S:
+            self._lately = 0
+        self._lately, self._last_s, self._untold = self._lately + 1, now_s, self._untold + 1
+        if now_s - self._told_s > TOLD_EVERY_S:
+            _log.warning("wrong token over HTTP from %s; %d since the last such line", address, self._untold)
+            self._told_s, self._untold = now_s, 0
+        delay_s = min(FIRST_DELAY_S * 2.0 ** (self._lately - 1), LONGEST_DELAY_S)
+        async with self._one_at_a_time:
+            await asyncio.sleep(delay_s)
+
+
+def token_check(token: str | None, count: Callable[[str], None] = lambda what: None) -> Check:
+    """What a path that acts depends on: 403 where there is no token to show, 401 for a missing or a wrong one.
+
+    A wrong one is answered late, the right one never: who guesses keeps nobody out. ``count`` hears of it.
+    """
+    guesses = _Guesses()
+
+    async def check(
+        request: Request, shown: Annotated[HTTPAuthorizationCredentials | None, Security(_bearer)]
+    ) -> None:
         if token is None:
             raise HTTPException(403, "nothing can be done over HTTP: [run.http] token_file is not configured")
         # bytes: a string that is not ASCII could not be compared
         if shown is None or not hmac.compare_digest(shown.credentials.encode(), token.encode()):
+            if shown is not None:
+                count("wrong tokens")
+                await guesses.wrong(request.client.host if request.client else "an unknown address")
             raise HTTPException(
                 401,
                 "show the token: Authorization: Bearer TOKEN, as in [run.http] token_file",

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from localizer.dem_options import DemChoice
 from rig.daemon.http.models import MapSheet
 from rig.errors import RigError
 
@@ -33,8 +34,8 @@ class Relief:
 class ReliefMap:
     """Drawn when first asked for; whoever asks meanwhile waits."""
 
-    def __init__(self, dem_paths: Sequence[Path]) -> None:
-        self._dem_paths = tuple(dem_paths)
+    def __init__(self, dem: DemChoice | Sequence[Path]) -> None:
+        self._dem = dem if isinstance(dem, DemChoice) else DemChoice(tuple(dem))
         self._drawing = threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None
         self._ended = False
@@ -55,7 +56,7 @@ class ReliefMap:
             process.kill()
 
     def _draw(self) -> Relief:
-        command = [sys.executable, "-m", "rig.daemon.http.draw_relief", *map(str, self._dem_paths)]
+        command = [sys.executable, "-m", "rig.daemon.http.draw_relief", json.dumps(self._dem.to_fields())]
         with subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE
         ) as process:

@@ -81,7 +81,7 @@ class _BoardCollector(Collector):
 
     def _take_durations(self, last: Answer | None) -> None:
         with self._lock:
-            if last is None or last is self._last:
+            if last is None or last is self._last or last.before_start:
                 return
             self._last = last
         self._delay.observe(age_s(last.captured, last.answered))

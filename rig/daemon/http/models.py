@@ -3,9 +3,12 @@
 from datetime import datetime
 from typing import Any, Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
 from localizer.fix import Fix, Status
+from localizer.ground import map_metres
 from localizer.track.report import TrackHypothesis
 from localizer.track.tracker import Mode
 from rig.daemon.board import (
@@ -21,6 +24,7 @@ from rig.daemon.board import (
 from rig.daemon.published import lapsed, newest
 from rig.daemon.spool_index import BundleState, Entry
 from rig.readings import Instant
+from rig.version import package_version
 
 MOST_HYPOTHESES = 50
 
@@ -52,6 +56,8 @@ class BundleAnswer(_Part):
     vehicle_heading_deg: float | None
     """From true north."""
     vehicle_heading_sigma_deg: float | None
+    wgs84_accuracy_m: float
+    """What latitude and longitude are the more uncertain by than the fix's covariance says, by the way from the DEM's datum."""
 
 
 class LatestAnswer(BundleAnswer):
@@ -62,8 +68,21 @@ class LatestAnswer(BundleAnswer):
     current: bool
     """A fix, not older than ``valid_s``, and the vehicle not seen to move since: only then it may still be there."""
     valid_s: float
+    map_from_ground: tuple[tuple[float, float], tuple[float, float]] | None
+    """From metres of the ground along the map's axes, as in ``covariance_m2``, to metres of easting and northing."""
+    convergence_deg: float | None
+    """Of the map's north from true north, clockwise."""
+    before_start: bool
+    """Captured before the daemon began: nobody has watched the vehicle since, so it is not current."""
     moved_on: bool
     """The vehicle has been seen to move since the capture. False proves nothing where nobody watches it."""
+
+
+class FixAnswer(LatestAnswer):
+    """The newest answer, and the last known position beside it where it is none itself."""
+
+    last_fix: LatestAnswer | None
+    """The latest fix where this is no fix, possibly of long ago: see its age. It is not current."""
 
 
 class Device(_Part):
@@ -79,6 +98,9 @@ class Device(_Part):
 class State(_Part):
     """Everything at this moment."""
 
+    version: str
+    """Of skyfix."""
+
     now: datetime
     started: datetime
     up_s: float
@@ -88,6 +110,8 @@ class State(_Part):
     """The bundle that is being searched for."""
     waiting: int
     """Bundles that have not been located yet."""
+    storage: str | None
+    """Why the spool takes no further bundle; null where it does."""
     degraded: bool
     """A device that should work does not."""
     devices: tuple[Device, ...]
@@ -147,6 +171,8 @@ class MapSheet(_Part):
     height_px: int
     lowest_m: float
     highest_m: float
+    scales: tuple[float, ...]
+    """Metres of the map in a metre of the ground, at even steps from the sheet's north to its south."""
     image: str
     """Path on this server; another one for another picture."""
 
@@ -169,7 +195,7 @@ class CaptureAnswer(_Part):
 TRIGGER_STATUS: dict[TriggerAnswer, int] = {"started": 202, "busy": 409, "not ready": 503, "stopping": 503}
 TRIGGER_PROBLEM: dict[TriggerAnswer, str] = {
     "busy": "busy: a capture is going on; ask again when it has ended",
-    "not ready": "not ready: a device that a capture needs does not work; see /status",
+    "not ready": "not ready",
     "stopping": "stopping: the daemon ends",
 }
 
@@ -192,6 +218,7 @@ def _answer_fields(answer: Answer) -> dict[str, Any]:
         "altitude_m": answer.altitude_m,
         "vehicle_heading_deg": answer.vehicle_heading_deg,
         "vehicle_heading_sigma_deg": answer.vehicle_heading_sigma_deg,
+        "wgs84_accuracy_m": answer.wgs84_accuracy_m,
     }
 
 
@@ -202,14 +229,32 @@ def bundle_answer(answer: Answer) -> BundleAnswer:
 
 def latest_answer(answer: Answer, snapshot: Snapshot, valid_s: float, now: Instant) -> LatestAnswer:
     """One of the snapshot's answers, with its age."""
-    moved = snapshot.moved
+    moved, place = snapshot.moved, answer.fix.position
+    here = None if place is None else map_metres(place.crs, place.easting_m, place.northing_m)
     return LatestAnswer(
         **_answer_fields(answer),
         age_s=age_s(answer.captured, now),
         current=answer.fix.status == "fix" and lapsed(answer, snapshot, now, valid_s) is None,
         valid_s=valid_s,
+        before_start=answer.before_start,
+        map_from_ground=None if here is None else _matrix(here.map_from_ground),
+        convergence_deg=None if here is None else here.convergence_deg,
         moved_on=moved is not None and moved.monotonic_s > answer.captured.monotonic_s,
     )
+
+
+def fix_answer(answer: Answer, snapshot: Snapshot, valid_s: float, now: Instant) -> FixAnswer:
+    """The newest of the snapshot's answers, and the last fix where that is another."""
+    before = snapshot.last_fix if answer.fix.status != "fix" else None
+    last_fix = None
+    if before is not None:  # there is a newer capture, so it is not current whatever its age
+        last_fix = latest_answer(before, snapshot, valid_s, now).model_copy(update={"current": False})
+    return FixAnswer(**dict(latest_answer(answer, snapshot, valid_s, now)), last_fix=last_fix)
+
+
+def _matrix(values: NDArray[np.float64]) -> tuple[tuple[float, float], tuple[float, float]]:
+    (a, b), (c, d) = values.tolist()
+    return (a, b), (c, d)
 
 
 def state_of(snapshot: Snapshot, valid_s: float, can_act: bool, now: Instant) -> State:
@@ -219,6 +264,8 @@ def state_of(snapshot: Snapshot, valid_s: float, can_act: bool, now: Instant) ->
         return latest_answer(answer, snapshot, valid_s, now) if answer else None
 
     return State(
+        version=package_version(),
+        storage=snapshot.storage,
         now=now.utc,
         started=snapshot.started.utc,
         up_s=age_s(snapshot.started, now),

@@ -4,6 +4,8 @@ import asyncio
 
 from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 
+MOST_WAITING = 48
+"""So many connections may be open; one more, and of those that have asked nothing yet the oldest goes."""
 ASKED_WITHIN_S = 30.0
 """Whoever has not put a whole question for so long, at most twice as long, is cut off. A stream is an answer that goes on."""
 
@@ -14,7 +16,19 @@ class PatientProtocol(H11Protocol):
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Somebody has come: wait for what is asked."""
         super().connection_made(transport)
+        self._since_s = self.loop.time()
         self._wait(None)
+        there = [
+            p for p in self.connections if isinstance(p, PatientProtocol) and not p.transport.is_closing()
+        ]
+        if len(there) > MOST_WAITING:
+            idle = [each for each in there if each.idle]
+            min(idle, key=lambda each: each._since_s).transport.abort()
+
+    @property
+    def idle(self) -> bool:
+        """Whether nothing is being answered."""
+        return self.cycle is None or self.cycle.response_complete
 
     def connection_lost(self, exc: Exception | None) -> None:
         """There is nobody to wait for."""
@@ -26,7 +40,7 @@ class PatientProtocol(H11Protocol):
         self._waiting = self.loop.call_later(ASKED_WITHIN_S, self._look, answered)
 
     def _look(self, answered: RequestResponseCycle | None) -> None:
-        idle = self.cycle is None or self.cycle.response_complete
+        idle = self.idle
         if idle and self.cycle is answered:
             self.transport.close()
         else:

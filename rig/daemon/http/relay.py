@@ -50,6 +50,17 @@ class Relay:
         """The last events, oldest first."""
         return list(self._recent)
 
+    def before(self, last_number: int | None) -> list[Event]:
+        """What a new stream begins with: all since the event that its reader had last, as far as they are kept.
+
+        Of a reader that had none, or one of before a restart: the latest answer, so that it knows of a fix that it comes into
+        the middle of.
+        """
+        recent = self.recent()
+        if last_number is not None and recent and last_number <= recent[-1].number:
+            return [event for event in recent if event.number > last_number]
+        return [event for event in recent if event.kind == "answer"][-1:]
+
     @property
     def streams(self) -> int:
         """How many are served."""

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import uvicorn
 
+from localizer.dem_options import DemChoice
 from rig.daemon.board import Actions, Board
 from rig.daemon.config import HttpServer
 from rig.daemon.http.app import make_app
@@ -17,6 +18,7 @@ from rig.daemon.http.guard import read_token
 from rig.daemon.http.map import ReliefMap
 from rig.daemon.http.patience import PatientProtocol
 from rig.daemon.http.relay import Relay
+from rig.daemon.listening import why_not_listening
 from rig.daemon.progress import Loops
 from rig.errors import RigError
 
@@ -40,7 +42,7 @@ def serving(
     board: Board,
     actions: Actions,
     spool: BundleStore,
-    dem_paths: Sequence[Path],
+    dem: DemChoice | Sequence[Path],
     loops: Loops | None = None,
 ) -> Iterator[str]:
     """Serve while the context lasts, and yield the URL; with port 0 the system chooses one. ``loops`` get its beat.
@@ -49,7 +51,7 @@ def serving(
     """
     token = read_token(section.token_file) if section.token_file else None
     listening = _listen(section.listen)
-    relay, relief = Relay(board), ReliefMap(dem_paths)
+    relay, relief = Relay(board), ReliefMap(dem)
     app = make_app(section, board, actions, spool, relay, relief, token, loops)
     server = uvicorn.Server(
         uvicorn.Config(
@@ -102,9 +104,7 @@ def _listen(address: str) -> socket.socket:
 
 
 def _refused(address: str, error: OSError) -> HttpError:
-    return HttpError(
-        f"[run.http] listen {address}: {error.strerror}; give another address, or end what listens there"
-    )
+    return HttpError(f"[run.http] listen {address}: {why_not_listening(error)}")
 
 
 def _url(listening: socket.socket) -> str:

@@ -12,7 +12,8 @@ from pyproj import Transformer
 from localizer.answer import Located
 from localizer.bundle import Bundle, frame_image, load_bundle
 from localizer.dem import Dem, load_dem
-from localizer.geodesy import enu_to_metric_jacobian, rowcol_to_metric
+from localizer.geodesy import rowcol_to_metric
+from localizer.ground import ground_distance_m
 from localizer.horizon.from_image import ColumnState, Skyline, find_skyline
 from localizer.horizon.from_terrain import Terrain, prepare_terrain
 from localizer.locate import load_kernels, locate, observe
@@ -71,7 +72,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class Place:
-    """A place in the terrain's metric CRS with the standard deviation along the longer axis of its covariance."""
+    """A place in the terrain's metric CRS with the standard deviation along the longer axis, metres of the ground."""
 
     easting_m: float
     northing_m: float
@@ -168,7 +169,9 @@ def _trial(
 
     def off(refined: Refined) -> tuple[float, float, bool]:
         place = place_of(dem, refined)
-        error_m = math.hypot(place.easting_m - easting_m, place.northing_m - northing_m)
+        error_m = ground_distance_m(
+            dem.metric_crs, (place.easting_m, place.northing_m), (easting_m, northing_m)
+        )
         return error_m, place.sigma_m, is_true_place(error_m, place.sigma_m, standpoint.truth_sigma_m, cell_m)
 
     decision, best = located.decision, located.best
@@ -194,6 +197,5 @@ def _trial(
 def place_of(dem: Dem, refined: Refined) -> Place:
     """Where a candidate lies."""
     easting_m, northing_m = rowcol_to_metric(dem, refined.row, refined.col)
-    turn = enu_to_metric_jacobian(dem, refined.row, refined.col)
-    covariance = turn @ refined.covariance_enu_m2 @ turn.T
-    return Place(float(easting_m), float(northing_m), float(np.sqrt(np.linalg.eigvalsh(covariance)[-1])))
+    sigma_m = float(np.sqrt(np.linalg.eigvalsh(refined.covariance_enu_m2)[-1]))
+    return Place(float(easting_m), float(northing_m), sigma_m)

@@ -1,6 +1,5 @@
 """Reading the data where it lies: a missing or broken file ends the evaluation with one clear line."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.documents import json_file
 from sim.errors import SimulationError
 
 Image = NDArray[np.uint8]
@@ -24,10 +24,7 @@ def existing(path: Path) -> Path:
 
 def read_json(path: Path) -> Any:
     """Content of a JSON file. Raises SimulationError."""
-    try:
-        return json.loads(existing(path).read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise SimulationError(f"{path}: no JSON that can be read ({error})") from None
+    return json_file("data", existing(path))
 
 
 def read_image(path: Path) -> Image:

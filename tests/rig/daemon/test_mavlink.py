@@ -246,6 +246,50 @@ def test_who_speaks_to_udpin_is_answered():
     autopilot.socket.close()
 
 
+@pytest.mark.parametrize("messages", [("GPS_INPUT",), ("EXTERNAL_POSITION_ESTIMATE",)])
+def test_an_autopilot_that_comes_in_the_middle_of_a_fix_still_gets_it(messages):
+    """A fix that went out while nobody was there would else be lost: GPS_INPUT has no acknowledgement."""
+    kind = "GPS_INPUT" if messages == ("GPS_INPUT",) else "COMMAND_INT"
+
+    def is_fix(message):
+        return kind == "COMMAND_INT" or message.fix_type == 3
+
+    with socket.socket(type=socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    board = Board()
+    section = MavlinkOutput(connection=f"udpin:127.0.0.1:{port}", messages=messages)
+    with publishing(section, board):
+        board.set_answer(an_answer(age_s=2.0))
+        until(lambda: board.snapshot().counts.get("mavlink fixes sent") == 1)
+        autopilot = Autopilot()
+        autopilot.companion = ("127.0.0.1", port)
+        autopilot.beat()
+        autopilot.until(kind, is_fix)
+        for _ in range(2):
+            autopilot.until("HEARTBEAT")
+            autopilot.beat()
+        if kind == "GPS_INPUT":
+            assert autopilot.count(kind, is_fix) == 1
+        assert board.snapshot().counts["mavlink fixes sent"] == 1
+    autopilot.socket.close()
+
+
+def test_an_autopilot_that_was_restarted_gets_the_current_fix_again(monkeypatch):
+    monkeypatch.setattr(mavlink, "HEARD_WITHIN_S", 1.5)
+    board = Board()
+    with linked(board, messages=("GPS_INPUT",)) as autopilot:
+        autopilot.until("HEARTBEAT")
+        autopilot.beat()
+        until(lambda: link_of(board).state == "ok")
+        board.set_answer(an_answer(age_s=2.0))
+        autopilot.until("GPS_INPUT", lambda message: message.fix_type == 3)
+        until(lambda: link_of(board).state == "failing")
+        assert autopilot.count("GPS_INPUT", lambda message: message.fix_type == 3) == 1
+        autopilot.beat()
+        autopilot.until("GPS_INPUT", lambda message: message.fix_type == 3)
+
+
 def test_a_serial_port_that_is_unplugged_is_a_fault_on_the_board(monkeypatch):
     monkeypatch.setattr(mavlink, "LEAST_RETRY_S", 0.05)
     controller, port = pty.openpty()
@@ -386,3 +430,12 @@ def test_the_transmission_time_wraps_and_keeps_its_digits():
         assert 0.0 <= told.param1 < 250.0
         assert told.param1 == pytest.approx(math.fmod(at_s, 250.0), abs=2e-5)
         assert told.target_system == 7
+
+
+@pytest.mark.parametrize("year", [1970, 2016])
+def test_gps_input_has_no_time_of_a_clock_that_cannot_be_right(year):
+    told = decoded(gps_input(common, FIX, datetime(2026, 11, 29, tzinfo=UTC)))
+    wrong = datetime(year, 1, 1, tzinfo=UTC)
+    untold = decoded(gps_input(common, published(an_answer(utc=wrong)), wrong))
+    assert (untold.time_usec, untold.time_week, untold.time_week_ms) == (0, 0, 0)
+    assert (untold.lat, untold.lon, untold.fix_type) == (told.lat, told.lon, told.fix_type)

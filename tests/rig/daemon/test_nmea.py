@@ -5,6 +5,7 @@ import struct
 import threading
 import time
 from contextlib import ExitStack, contextmanager
+from datetime import UTC, datetime
 
 import pytest
 from fakes.answers import an_answer
@@ -164,6 +165,7 @@ def test_datagrams_go_to_each_address_an_epoch_in_each():
                     "RMC",
                     "GGA",
                 ]
+            other.recv(65536)  # the first one's success is told after it was sent
             told = {device.name: device.state for device in board.snapshot().devices}
             assert told == {f"nmea to {address}": "ok" for address in addresses}
 
@@ -234,3 +236,14 @@ def test_the_loop_gives_proof_of_its_work_and_ends_with_the_context():
     assert threading.active_count() == before
     with pytest.raises(OSError, match="refused"):
         socket.create_connection(publisher.tcp)
+
+
+def test_a_date_of_a_clock_that_cannot_be_right_is_not_passed_on():
+    with served(valid_s=1000.0) as (board, client, _):
+        each = client()
+        each.until("ZDA")
+        board.set_answer(an_answer(utc=datetime(1970, 1, 1, 0, 1, tzinfo=UTC)))
+        each.until("RMC", lambda message: message.status == "A" and message.date == "")
+        kinds = [each.lines.readline()[3:6] for _ in range(14)]
+        assert kinds.count(b"RMC") == 2
+        assert b"ZDA" not in kinds

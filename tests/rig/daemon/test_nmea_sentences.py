@@ -148,3 +148,13 @@ def test_minutes_stay_below_60(angle_deg):
     assert re.fullmatch(r"\d{5}\.\d{5}", text)
     assert float(text[3:]) < 60.0
     assert int(text[:3]) + float(text[3:]) / 60.0 == pytest.approx(angle_deg, abs=0.51e-5 / 60 + 1e-12)
+
+
+@pytest.mark.parametrize("year", [1970, 2016, 2106])
+def test_a_clock_that_cannot_be_right_gives_no_date_to_set_another_by(year):
+    wrong = datetime(year, 1, 1, 0, 2, 3, tzinfo=UTC)
+    for fix in (published(an_answer(utc=wrong)), None):
+        told = epoch(fix, wrong + timedelta(seconds=20), 6, ALL, dated=False).decode()
+        assert "ZDA" not in told
+        rmc = next(line for line in told.splitlines() if "RMC" in line).split(",")
+        assert (rmc[1][:6], rmc[9]) == ("000203" if fix else "000223", "")

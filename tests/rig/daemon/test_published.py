@@ -106,9 +106,8 @@ def test_the_ellipse_is_turned_from_grid_to_true_north(crs, lat_deg, lon_deg):
     lon2_deg, lat2_deg, _ = Geod(ellps="WGS84").fwd(lon_deg, lat_deg, towards_deg, 50.0)
     here, there = place(crs, lat_deg, lon_deg), place(crs, lat2_deg, lon2_deg)
     along = np.array([there.easting_m - here.easting_m, there.northing_m - here.northing_m])
-    scale = np.linalg.norm(along) / 50.0
     along /= np.linalg.norm(along)
-    covariance_m2 = scale**2 * (9.0 * np.outer(along, along) + 4.0 * (np.eye(2) - np.outer(along, along)))
+    covariance_m2 = 9.0 * np.outer(along, along) + 4.0 * (np.eye(2) - np.outer(along, along))
     (ee, en), (ne, nn) = covariance_m2.tolist()
     fix = published(an_answer(position=here, covariance_m2=((ee, en), (ne, nn))))
     assert fix.major_azimuth_deg == pytest.approx(towards_deg, abs=0.05)
@@ -119,9 +118,9 @@ def test_the_ellipse_is_turned_from_grid_to_true_north(crs, lat_deg, lon_deg):
     assert (fix.sigma_north_m, fix.sigma_east_m) == pytest.approx((north_m, east_m), rel=2e-3)
 
 
-def test_the_map_s_scale_is_taken_out_of_the_sigmas():
+def test_the_sigmas_of_a_fix_are_metres_of_the_ground_whatever_the_map_s_scale():
     mercator = place("EPSG:3857", 60.0, 10.0)  # twice as long as the ground, there
-    of_true_m2 = true_covariance_m2(mercator, ((36.0, 0.0), (0.0, 16.0)))
+    of_true_m2 = true_covariance_m2(mercator, ((9.0, 0.0), (0.0, 4.0)))
     assert np.sqrt(np.diag(of_true_m2)) == pytest.approx([3.0, 2.0], rel=0.01)
     assert CRS.from_user_input(mercator.crs).is_projected
 

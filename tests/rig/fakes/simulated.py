@@ -30,12 +30,21 @@ CAPTURE = "\n[capture]\nbase_attitude_pan_angles_deg = [-45.0, 0.0, 45.0]\n"
 
 
 @cache
-def world(inclinometer: str = "adxl355", compass: str = "mmc5983ma", altimeter: str = "bmp390") -> World:
-    """A world with these devices."""
+def world(
+    inclinometer: str = "adxl355",
+    compass: str = "mmc5983ma",
+    altimeter: str = "bmp390",
+    compass_quirk: str | None = None,
+    altimeter_quirk: str | None = None,
+    one_stream: bool = False,
+) -> World:
+    """A world with these devices; with ``one_stream`` the barometer talks on the compass's port."""
     scenario = Scenario(
         inclinometer=Inclinometer.model_validate({"chip": inclinometer}),
-        compass=Compass.model_validate({"kind": compass}),
-        altimeter=Altimeter.model_validate({"kind": altimeter}),
+        compass=Compass.model_validate({"kind": compass, "quirk": compass_quirk}),
+        altimeter=Altimeter.model_validate(
+            {"kind": altimeter, "quirk": altimeter_quirk, "on_compass_port": one_stream}
+        ),
         servo=Servo(swing_deg=0.0, max_velocity_deg_s=2000.0),
         camera=CameraOptics(
             width_px=WIDTH_PX,

@@ -17,13 +17,13 @@ export function showAnswer(state, aged, online) {
     box.className = "wait";
     say($("verdict"), "NO ANSWER YET");
     say($("age"), "");
-    say($("meaning"), `Nothing has been located since the rig was started, ${duration(state.up_s)} ago.`);
+    say($("meaning"), `Nothing has been located yet; the rig was started ${duration(state.up_s)} ago.`);
     return;
   }
   const status = last.fix.status;
-  const old = status === "fix" && !isCurrent(last, aged, online);
+  const old = status === "fix" ? !isCurrent(last, aged, online) : last.before_start;
   box.className = old ? "old" : status;
-  say($("verdict"), old ? "OLD FIX" : VERDICT[status]);
+  say($("verdict"), old ? `OLD ${status === "fix" ? "" : "ANSWER: "}${VERDICT[status]}` : VERDICT[status]);
   say($("age"), `${duration(aged(last))} old`);
   say($("meaning"), meaning(state, status, old, aged, online));
 }
@@ -37,6 +37,8 @@ function meaning(state, status, old, aged, online) {
   }
   if (status === "none") return `The frames fit no place in this elevation model.${since}`;
   if (!online) return "Without a connection nobody knows whether it still holds.";
+  if (old && state.last.before_start)
+    return "Here the vehicle was before the rig was started anew: nobody has watched since whether it moved.";
   if (old && state.last.moved_on) return "Here the vehicle was then: it has been seen to move since.";
   if (old) return `Here the vehicle was then. It counts as current for ${duration(state.valid_s)}.`;
   return "";

@@ -18,7 +18,7 @@ let received = null;
 let online = false;
 let lost = new Date();
 let track = [];
-let answered = "";
+let answered = null; // whose track it is; null before the first question, and to have it asked for anew
 
 // The larger of two clocks' times: one of them stops while a phone sleeps, the other may be set back.
 function since(moment) {
@@ -136,6 +136,7 @@ function listen() {
   const source = new EventSource("/events");
   source.onopen = async () => {
     seen = new Set(); // the numbers begin anew with the daemon
+    answered = null; // and its spool may know more, or less
     $("log").replaceChildren();
     refresh();
     askForMap();

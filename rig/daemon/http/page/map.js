@@ -1,5 +1,6 @@
 // Shaded relief of the whole DEM; over it the track, the fix with its ellipse or the candidates.
-// Lengths are metres from the sheet's north-western corner, x to the east, y to the south.
+// Lengths are metres of the map from the sheet's north-western corner, x to the east, y to the south. What is told or given in
+// metres of the ground (ellipses, the scale bar) is turned into these first: a map's metre may be much shorter.
 
 import { $, say, svg } from "./dom.js";
 import { SIGMAS_95, axes } from "./words.js";
@@ -46,6 +47,14 @@ const width = () => sheet.east_m - sheet.west_m;
 const height = () => sheet.north_m - sheet.south_m;
 const at = (place) => [place.easting_m - sheet.west_m, sheet.north_m - place.northing_m];
 
+// Metres of the map in a metre of the ground at a y.
+function scaleAt(y) {
+  const steps = sheet.scales.length - 1;
+  const place = Math.min(steps, Math.max(0, (y / height()) * steps));
+  const before = Math.min(steps - 1, Math.floor(place));
+  return sheet.scales[before] + (place - before) * (sheet.scales[before + 1] - sheet.scales[before]);
+}
+
 function show(name) {
   wanted = name;
   draw();
@@ -69,6 +78,7 @@ function fit() {
   const [west, east, north, south] = [Math.min(...xs), Math.max(...xs), Math.min(...ys), Math.max(...ys)];
   let least = FEWEST_M[wanted] ?? 0;
   if (wanted === "near" && answer?.fix.status === "fix") least = Math.max(least, 10 * SIGMAS_95 * axes(answer.fix.covariance_m2).major);
+  least *= scaleAt((north + south) / 2);
   const margin = wanted === "whole" ? 1 : 1.3;
   const across = Math.max(margin * (east - west), least);
   const down = Math.max(margin * (south - north), least);
@@ -112,13 +122,15 @@ function drawnPlaces(scale) {
     }).reverse();
   const [x, y] = at(answer.fix.position);
   const { major, minor, angle } = axes(answer.fix.covariance_m2);
-  const parts = [
-    svg("ellipse", { class: "ellipse", rx: SIGMAS_95 * major, ry: SIGMAS_95 * minor, transform: `rotate(${(-angle * 180) / Math.PI})` }),
-  ];
-  if (answer.vehicle_heading_deg !== null)
-    parts.push(svg("path", { class: "heading", d: "M0-14V-40M-7-32 0-41 7-32", transform: `scale(${scale}) rotate(${answer.vehicle_heading_deg})` }));
+  const [[ee, en], [ne, nn]] = answer.map_from_ground;
+  const turned = `matrix(${ee} ${-ne} ${-en} ${nn} 0 0) rotate(${(-angle * 180) / Math.PI})`; // y runs to the south
+  const parts = [svg("ellipse", { class: "ellipse", rx: SIGMAS_95 * major, ry: SIGMAS_95 * minor, transform: turned })];
+  if (answer.vehicle_heading_deg !== null) {
+    const onMap = answer.vehicle_heading_deg - answer.convergence_deg;
+    parts.push(svg("path", { class: "heading", d: "M0-14V-40M-7-32 0-41 7-32", transform: `scale(${scale}) rotate(${onMap})` }));
+  }
   // the star would hide the ellipse in a close view
-  const size = (SIGMAS_95 * major > 40 * scale ? 8 : 15) * scale;
+  const size = (SIGMAS_95 * major * scaleAt(y) > 40 * scale ? 8 : 15) * scale;
   parts.push(svg("polygon", { class: "star", points: STAR, transform: `scale(${size})` }));
   return [svg("g", { class: content.current ? "now" : "past", transform: `translate(${x} ${y})` }, ...parts)];
 }
@@ -131,7 +143,8 @@ function key(answer) {
   return `${track}${star}; ellipse: 95 %${answer.vehicle_heading_deg === null ? "" : "; arrow: its heading"}.`;
 }
 
-function drawScale(scale, clientWidth) {
+function drawScale(mapScale, clientWidth) {
+  const scale = mapScale / scaleAt(view.y); // metres of the ground a pixel
   const most = scale * Math.min(160, clientWidth / 3);
   const power = 10 ** Math.floor(Math.log10(most));
   const length = [5, 2, 1].map((n) => n * power).find((n) => n <= most);

@@ -1,0 +1,122 @@
+"""What an archive may be and hold: the first thing past a limit ends the reading, before it takes memory, disk or time."""
+
+import os
+import stat
+from pathlib import PurePosixPath
+from typing import IO
+
+from localizer.bundle import is_bundle_id
+from rig.errors import RigError
+
+MOST_MEMBERS = 20_000
+MOST_MEMBER_BYTES = 512_000_000
+MOST_TOTAL_BYTES = 20_000_000_000
+MOST_RATIO = 100
+"""Unpacked to packed: pictures are compressed already, and what is packed around them is small."""
+RATIO_FROM_BYTES = 20_000_000
+"""Below this nobody minds the ratio: a few small bundles of like content pack well."""
+MOST_AT_ONCE_BYTES = 4_000_000
+"""A header that asks for more at one time (a tar's extended header, a zip's directory) is no archive of ours."""
+LONGEST_NAME = 1200
+
+
+class ArchiveError(RigError):
+    """An archive cannot be written, or is damaged."""
+
+
+class Tally:
+    """Counts members and bytes of one archive. Each method raises ``ArchiveError`` past a limit."""
+
+    def __init__(self, packed_bytes: int) -> None:
+        self.most_bytes = min(MOST_TOTAL_BYTES, max(RATIO_FROM_BYTES, MOST_RATIO * packed_bytes))
+        self._members = 0
+        self._bytes = 0
+        self._names: set[str] = set()
+
+    def folder(self) -> None:
+        """One more folder."""
+        self._members += 1
+        if self._members > MOST_MEMBERS:
+            raise ArchiveError(f"holds more than {MOST_MEMBERS} files")
+
+    def file(self, name: str, size: int) -> None:
+        """One more file, of the size that its header claims; no more than that is read of it."""
+        self.folder()
+        if size > MOST_MEMBER_BYTES:
+            raise ArchiveError(
+                f"its file {name} has {size / 1e6:.0f} MB; {MOST_MEMBER_BYTES / 1e6:.0f} is the most"
+            )
+        self._bytes += size
+        if self._bytes > self.most_bytes:
+            raise ArchiveError(far_too_much(self.most_bytes))
+        key = name.casefold()  # on a disk that takes both for one, the second would overwrite the first
+        if key in self._names:
+            raise ArchiveError(f"holds {name} twice, or two names that differ in case only")
+        self._names.add(key)
+
+
+def far_too_much(most_bytes: int) -> str:
+    """What is wrong with an archive that is packed too well."""
+    return f"unpacks to more than {most_bytes / 1e6:.0f} MB, far more than its size explains"
+
+
+class Slices:
+    """A file of packed or unpacked bytes for libraries that believe every size in it: never much at once, nor beyond a place.
+
+    What is asked for beyond raises ``ArchiveError``.
+    """
+
+    def __init__(self, file: IO[bytes], most_bytes: int) -> None:
+        self._file = file
+        self._most_bytes = most_bytes
+
+    def read(self, size: int = -1) -> bytes:
+        """As files have it; all that is left only where that is little."""
+        if size > MOST_AT_ONCE_BYTES:
+            raise ArchiveError("is damaged or no archive: its headers ask for megabytes")
+        content = self._file.read(size if size >= 0 else MOST_AT_ONCE_BYTES)
+        if self._file.tell() > self._most_bytes:
+            raise ArchiveError(far_too_much(self._most_bytes))
+        return content
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        """As files have it."""
+        if whence == os.SEEK_SET and offset > self._most_bytes:
+            raise ArchiveError(far_too_much(self._most_bytes))
+        return self._file.seek(offset, whence)
+
+    def tell(self) -> int:
+        """As files have it."""
+        return self._file.tell()
+
+    def seekable(self) -> bool:
+        """It is."""
+        return True
+
+
+def checked_name(name: str) -> str:
+    """The name of an archive's file: ``FILE`` at its top, or ``BUNDLE/PATH``, relative and on every system inside.
+
+    Raises ``ArchiveError``.
+    """
+    path = PurePosixPath(name)
+    if (
+        not path.parts
+        or path.is_absolute()
+        or ".." in path.parts
+        or "\\" in name
+        or ":" in name
+        or not name.isprintable()
+        or len(name) > LONGEST_NAME
+    ):
+        raise ArchiveError(
+            f"its file {name[:200]!r} leads outside, or has a name that files here cannot have"
+        )
+    if len(path.parts) > 1 and not is_bundle_id(path.parts[0]):
+        raise ArchiveError(f"its folder {path.parts[0][:200]!r} is no bundle's: no bundle can have that id")
+    return str(path)
+
+
+def is_plain(mode: int) -> bool:
+    """Whether a zip's member is a plain file, by the mode that a Unix program gave it (0 by another)."""
+    return stat.S_IFMT(mode) in (0, stat.S_IFREG)

@@ -1,0 +1,114 @@
+"""What is taken in of a request before anything looks at it: a little body within a little time; and HEAD, which is GET unsaid.
+
+uvicorn takes any body of any size, in whatever time, and FastAPI answers HEAD only where a path says so
+(https://github.com/Kludex/starlette/issues/890, https://github.com/fastapi/fastapi/issues/1773).
+"""
+
+import asyncio
+
+import anyio
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.responses import JSONResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+MOST_BODY_BYTES = 65_536
+BODY_WITHIN_S = 10.0
+"""For all of it, however it is spread."""
+
+
+class _TooLargeError(Exception):
+    """More comes than is taken."""
+
+
+class Intake:
+    """Reads a body before the application runs: 413 for one that is too large, 408 for one that does not end."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        headers = Headers(scope=scope)
+        if "content-length" in headers or "transfer-encoding" in headers:
+            try:
+                body = await asyncio.wait_for(_body(headers, receive), BODY_WITHIN_S)
+            except _TooLargeError:
+                await _end(
+                    413, f"a body of more than {MOST_BODY_BYTES} bytes is not taken", scope, receive, send
+                )
+                return
+            except TimeoutError:
+                await _end(408, f"the body did not end within {BODY_WITHIN_S:g} s", scope, receive, send)
+                return
+            if body is None:  # whoever asked has gone
+                return
+            receive = _said_again(body, receive)
+        if scope["method"] == "HEAD":
+            await self._without_body({**scope, "method": "GET"}, receive, send)
+        else:
+            await self._app(scope, receive, _naming_head(send))
+
+    async def _without_body(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """As GET is answered, status and headers only; what would go on after them, a stream, is ended."""
+        with anyio.CancelScope() as going_on:
+
+            async def send_head(message: Message) -> None:
+                if message["type"] == "http.response.start":
+                    await send(message)
+                elif not going_on.cancel_called:
+                    await send({"type": "http.response.body", "body": b"", "more_body": False})
+                    going_on.cancel()
+
+            await self._app(scope, receive, send_head)
+
+
+async def _body(headers: Headers, receive: Receive) -> bytes | None:
+    """All of a body; None where the connection was lost. What it claims to be is looked at first."""
+    claimed = headers.get("content-length", "0")
+    if not claimed.isdecimal() or len(claimed) > 12 or int(claimed) > MOST_BODY_BYTES:
+        raise _TooLargeError
+    body = b""
+    while True:
+        message = await receive()
+        if message["type"] == "http.disconnect":
+            return None
+        body += bytes(message.get("body", b""))
+        if len(body) > MOST_BODY_BYTES:
+            raise _TooLargeError
+        if not message.get("more_body", False):
+            return body
+
+
+def _said_again(body: bytes, receive: Receive) -> Receive:
+    """The body as one message; after it what comes from the connection."""
+    said = False
+
+    async def receive_again() -> Message:
+        nonlocal said
+        if said:
+            return await receive()
+        said = True
+        return {"type": "http.request", "body": body, "more_body": False}
+
+    return receive_again
+
+
+def _naming_head(send: Send) -> Send:
+    """Where a method is not allowed and GET is, HEAD is too."""
+
+    async def send_allowed(message: Message) -> None:
+        if message["type"] == "http.response.start" and message["status"] == 405:
+            headers = MutableHeaders(scope=message)
+            allowed = headers.get("allow", "")
+            if "GET" in allowed and "HEAD" not in allowed:
+                headers["allow"] = f"{allowed}, HEAD"
+        await send(message)
+
+    return send_allowed
+
+
+async def _end(status: int, why: str, scope: Scope, receive: Receive, send: Send) -> None:
+    """Answer, and hear no more on this connection: the rest of the body would be read and thrown away, whatever its size."""
+    await JSONResponse({"detail": why}, status, headers={"Connection": "close"})(scope, receive, send)

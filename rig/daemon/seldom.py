@@ -1,0 +1,118 @@
+"""Lines of the log that come too often: the first few of a kind are written, of the rest how many there were.
+
+What comes from outside (clients that are refused, noise on a line, a link that breaks) can come any number of times a
+second, and a journal that is full of one line has lost all others. A kind is the logger, the level and the text before its
+values are put in; the values of an event that tell what it is of (``device``, ``bundle``) belong to its kind, too.
+"""
+
+import logging
+import re
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+FIRST, EVERY_S = 10, 60.0
+"""Of a warning or an error so many are written at once, then one in so long, with the number of those that were left out."""
+FIRST_NOTES, EVERY_NOTE_S = 60, 2.0
+"""Of what only tells how things go."""
+MOST_KINDS = 256
+WHOSE = ("device", "name", "bundle", "source", "trigger", "answer", "step")
+PLACEHOLDER = re.compile(r"%[-#0 +]*\d*(?:\.\d+)?[a-zA-Z%]")
+
+Kind = tuple[str, int, str]
+
+
+@dataclass
+class _Budget:
+    left: float
+    at_s: float
+    left_out: int = 0
+
+
+class Seldom(logging.Handler):
+    """Passes records on to other handlers, those of one kind only so often."""
+
+    def __init__(self, *handlers: logging.Handler, tell: Callable[[int], None] = lambda count: None) -> None:
+        """``tell`` hears of every line that is left out."""
+        super().__init__()
+        self._handlers = handlers
+        self._tell = tell
+        self._budgets: dict[Kind, _Budget] = {}
+        self._budgets_lock = threading.Lock()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Pass a record on, or count it. What was counted is told before the next record of any kind, once it is time."""
+        now_s = time.monotonic()
+        with self._budgets_lock:
+            passed, due = self._spent(kind_of(record), now_s), self._due(now_s)
+        for kind, count in due:
+            self._pass_on(_summary(kind, count))
+        if passed:
+            self._pass_on(record)
+        else:
+            self._tell(1)
+
+    def close(self) -> None:
+        """Tell what is still to be told."""
+        with self._budgets_lock:
+            rest = [(kind, budget.left_out) for kind, budget in self._budgets.items() if budget.left_out]
+            self._budgets.clear()
+        for kind, count in rest:
+            self._pass_on(_summary(kind, count))
+        super().close()
+
+    def _pass_on(self, record: logging.LogRecord) -> None:
+        for handler in self._handlers:
+            handler.handle(record)
+
+    def _spent(self, kind: Kind, now_s: float) -> bool:
+        first, every_s = _rate(kind)
+        budget = self._budgets.get(kind)
+        if budget is None:
+            if len(self._budgets) >= MOST_KINDS:
+                oldest = min(self._budgets, key=lambda each: self._budgets[each].at_s)
+                del self._budgets[oldest]
+            budget = self._budgets[kind] = _Budget(first, now_s)
+        budget.left = min(first, budget.left + (now_s - budget.at_s) / every_s)
+        budget.at_s = now_s
+        if budget.left < 1.0:
+            budget.left_out += 1
+            return False
+        budget.left -= 1.0
+        return True
+
+    def _due(self, now_s: float) -> list[tuple[Kind, int]]:
+        """Kinds of which something was left out and another line might be written now."""
+        due = []
+        for kind, budget in self._budgets.items():
+            if budget.left_out and budget.left + (now_s - budget.at_s) / _rate(kind)[1] >= 1.0:
+                due.append((kind, budget.left_out))
+                budget.left_out = 0
+                budget.left -= 1.0
+        return due
+
+
+def kind_of(record: logging.LogRecord) -> Kind:
+    """What counts as the same line again."""
+    message = record.msg
+    if isinstance(message, dict):  # structlog's events
+        whose = " ".join(f"{key}={message[key]}" for key in WHOSE if key in message)
+        return record.name, record.levelno, f"{message.get('event', '')} {whose}".strip()
+    text = str(message)
+    if not any(letter.isalpha() for letter in PLACEHOLDER.sub("", text)):  # all of it is values
+        text = record.getMessage()
+    return record.name, record.levelno, text
+
+
+def _rate(kind: Kind) -> tuple[float, float]:
+    """How many of a kind at once, and one in how many seconds after them."""
+    return (FIRST, EVERY_S) if kind[1] >= logging.WARNING else (FIRST_NOTES, EVERY_NOTE_S)
+
+
+def _summary(kind: Kind, count: int) -> logging.LogRecord:
+    name, level, text = kind
+    lines = "line" if count == 1 else "lines"
+    return logging.LogRecord(
+        name, level, __file__, 0, "%d more %s like this left out: %s", (count, lines, text), None
+    )
