@@ -1,6 +1,7 @@
 """Places with the same surroundings are equally likely, wherever in the DEM they lie and whichever is looked at first."""
 
 import dataclasses
+import os
 from pathlib import Path
 
 import numpy as np
@@ -191,3 +192,18 @@ def test_many_cells_and_a_narrow_skyline_leave_the_true_place_among_the_best(cro
     assert np.isfinite(ranked.scored.disparity).all()
     off = np.hypot(*(ranked.scored.cells - np.array(PLACE)).T)
     assert off.min() < 1.0
+
+
+@pytest.mark.long
+@pytest.mark.timeout(900)
+def test_a_mosaic_of_a_hundred_million_cells_shows_all_four_copies_of_a_place():
+    folder = os.environ.get("SKYFIX_DATA")
+    if folder is None:
+        pytest.skip("SKYFIX_DATA is not set: it names the folder with the terrain that does not ship")
+    tile_m = load_dem([Path(folder) / "terrain" / "sanfrancisco_srtm_1s.tif"]).z_m
+    column_m = np.vstack([tile_m, tile_m[::-1], tile_m])
+    terrain = terrain_of(np.hstack([column_m, column_m[:, ::-1], column_m]))
+    assert terrain.dem.rows * terrain.dem.cols > 100e6
+    located = locate(terrain, observe(terrain, (2353.93, 2398.38)))
+    assert located.decision.status == "ambiguous"
+    assert list(located.decision.probabilities) == pytest.approx([0.25] * 4, abs=0.05)
