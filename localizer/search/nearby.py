@@ -37,6 +37,8 @@ LOOK_CLOSER_CELLS = (0.6, 0.15)
 """The same around the best of the places found, where these are not one and the same."""
 SPREAD_CELLS = (3.0, 0.6)
 """The same for how far places reach that are hardly less likely than the best one."""
+SPREAD_NATS, SPREAD_ITERATIONS = 15.0, 6
+"""A place with so much less evidence, fitted a little, is less likely. So is one whose fit goes back."""
 FINALISTS = 4
 HOPELESS_EVIDENCE = 0.0
 ONE_PLACE_CELLS = 0.05
@@ -148,7 +150,7 @@ def best_nearby(problems: Problems, start: Refined, largest: float) -> Refined:
     finals = sorted([*finals, *strictly], key=lambda r: r.fit_cost)
     strict = STRICT_SHARE if any(finals[0] is fit for fit in strictly) else 1.0
     best = _settled(problems.full, finals[0], largest, strict=strict)
-    return _weighed(problems, best, finals, fits)
+    return _weighed(problems, best, finals, fits, largest)
 
 
 def again(
@@ -223,7 +225,9 @@ def _settled(problem: Problem, start: Refined, largest: float, strict: float = 1
     return again(problem, start, largest, settle=True, likely_from=0, strict=strict)
 
 
-def _weighed(problems: Problems, best: Refined, finals: list[Refined], others: list[Refined]) -> Refined:
+def _weighed(
+    problems: Problems, best: Refined, finals: list[Refined], others: list[Refined], largest: float
+) -> Refined:
     """The best fit, moved to the mean of all finals by their likelihoods, its covariance widened by how far the fits lie apart.
 
     And by how far around it the likelihood is flat, or has peaks that no fit ended in. ``best`` has all columns, ``finals``,
@@ -251,7 +255,17 @@ def _weighed(problems: Problems, best: Refined, finals: list[Refined], others: l
     noise = Noise(best.dem_error_m, max(1.0, best.correlation_columns / coarse.stride), best.error_model)
     # Where the noise is each column's own, few columns tell as much less; the DEM's is blunted anyway.
     fewer = len(coarse.sigma_rad) / len(problems.full.sigma_rad)
-    flat = spread_around(coarse, moved, noise, *SPREAD_CELLS, fewer * blunting)
+    here = again(coarse, moved, largest, noise=noise, iterations=SPREAD_ITERATIONS)
+
+    def plausible(row: float, col: float, altitude_m: float) -> bool:
+        start = replace(moved, row=row, col=col, altitude_m=altitude_m)
+        there = again(coarse, start, largest, noise=noise, iterations=SPREAD_ITERATIONS)
+        stays = np.hypot(there.row - row, there.col - col) < np.hypot(
+            there.row - moved.row, there.col - moved.col
+        )
+        return bool(stays and there.evidence >= here.evidence - SPREAD_NATS)
+
+    flat = spread_around(coarse, moved, noise, *SPREAD_CELLS, fewer * blunting, plausible)
     return replace(
         moved,
         covariance_enu_m2=best.covariance_enu_m2 + (share[:, None] * off_m).T @ off_m + flat,

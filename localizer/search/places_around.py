@@ -1,6 +1,6 @@
 """Looking about: the likeliest places on a lattice around a fit, and how far those lie from it that are hardly less likely."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,9 @@ from localizer.search.residuals import Evaluation, evaluate, ground_at, place_of
 from localizer.search.stray import stray_loss, telling_columns, weights
 
 Floats = NDArray[np.float64]
+
+DOUBTED_SHARE, MOST_DOUBTED = 0.01, 40
+"""A place that far off that has so much of the likelihood is looked at, and so many of them at most."""
 
 
 def places_around(
@@ -48,22 +51,43 @@ def places_around(
 
 
 def spread_around(
-    problem: Problem, start: Refined, noise: Noise, reach_cells: float, step_cells: float, temperature: float
+    problem: Problem,
+    start: Refined,
+    noise: Noise,
+    reach_cells: float,
+    step_cells: float,
+    temperature: float,
+    plausible: Callable[[float, float, float], bool],
 ) -> Floats:
     """Second moment (2, 2), square metres east and north, about a fit of the likelihood on a lattice around it.
 
-    The logarithm of the likelihood is divided by ``temperature``.
-
-    Where it has one narrow peak between the lattice's points there is next to nothing; where it is flat or has many peaks, how
-    far these reach.
+    The logarithm of the likelihood is divided by ``temperature``. Where it has one narrow peak between the lattice's points
+    there is next to nothing; where it is flat or has many peaks, how far these reach. A place more than a cell off counts only
+    if it is ``plausible`` (row, column, altitude): the likelihood forgives stretches that do not fit at all.
     """
+    frame = _frame_at(problem, start)
     (costs,) = _lattice(problem, start, [noise], reach_cells, step_cells)
     if not costs:
         return np.zeros((2, 2))
     cost = np.array([c for c, _ in costs])
     off_m = np.array([x[[EAST, NORTH]] for _, x in costs])
+    trusted = np.hypot(*off_m.T) <= problem.terrain.cell_m
+    for _ in range(MOST_DOUBTED):
+        share = np.exp((cost.min() - cost) / temperature)
+        share /= share.sum()
+        doubtful = np.flatnonzero(~trusted & (share >= DOUBTED_SHARE))
+        if len(doubtful) == 0:
+            break
+        i = int(doubtful[share[doubtful].argmax()])
+        place = costs[i][1]
+        row, col = place_of(place, (start.row, start.col), frame)
+        if plausible(row, col, float(place[ALTITUDE])):
+            trusted[i] = True
+        else:
+            cost[i] = np.inf
     share = np.exp((cost.min() - cost) / temperature)
-    return np.asarray((share[:, None] * off_m).T @ off_m / share.sum())
+    share /= share.sum()
+    return np.asarray((share[:, None] * off_m).T @ off_m)
 
 
 def _lattice(

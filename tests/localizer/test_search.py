@@ -26,7 +26,7 @@ from localizer.observation import Observation, PriorCircle
 from localizer.search.contours import FrameContour, frame_contour, measured_skyline
 from localizer.search.nearby import problems_of, within_the_dem
 from localizer.search.noise import Noise, usual_noise
-from localizer.search.places_around import places_around
+from localizer.search.places_around import places_around, spread_around
 from localizer.search.problem import Problem
 from localizer.search.refine import Refined, refine
 from localizer.search.residuals import evaluate
@@ -396,6 +396,30 @@ def test_refinement_comes_home_from_two_cells_away(terrain):
     home = min((fit(*place) for place in around), key=lambda refined: refined.fit_cost)
     assert np.hypot(home.row - PLACE[0], home.col - PLACE[1]) < 0.05
     assert home.fit_cost < descended.fit_cost
+
+
+def test_the_ellipse_reaches_only_to_places_that_are_plausible(terrain):
+    observation = observe(terrain)
+    problem = Problem(terrain, observation, tuple(frame_contour(f) for f in observation.frames), 16)
+    noise = usual_noise(terrain, 5.0)
+    fit = refine(
+        problem,
+        *PLACE,
+        observation.altitude_m,
+        0.0,
+        iterations=8,
+        noise=noise,
+        largest_dem_error_m=5.0,
+        settle=False,
+    )
+
+    def widest_cells(plausible: bool) -> float:
+        flat = spread_around(problem, fit, noise, 2.0, 1.0, 1000.0, lambda *_: plausible)
+        return float(np.sqrt(np.linalg.eigvalsh(flat)[-1])) / terrain.cell_m
+
+    # at such a temperature all of the lattice is about as likely
+    assert 1.0 < widest_cells(True) < 2.0
+    assert widest_cells(False) < 0.8 * widest_cells(True)
 
 
 def test_an_altimeter_said_to_be_exact_is_not_taken_at_its_word(edit_bundle):
