@@ -88,7 +88,7 @@ class Slices:
 
     @contextmanager
     def header(self) -> Iterator[None]:
-        """While the context lasts the headers of a tar's next file are read: as little as they need, in all files together too."""
+        """While the context lasts a tar's headers are read: little before one file, and little in all."""
         self._header_left = MOST_HEADER_BYTES
         try:
             yield
