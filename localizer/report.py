@@ -74,10 +74,12 @@ def load_truth(path: Path) -> Truth:
         raise SkyfixError(
             f"{path}: {field}{': ' if field else ''}{first['msg']}; a truth has easting_m, northing_m and crs"
         ) from None
-    except CRSError:
-        raise SkyfixError(f"{path}: crs: {truth.crs} is not a coordinate reference system") from None
+    except (CRSError, RecursionError):  # the latter of JSON in the text
+        raise SkyfixError(f"{path}: crs: {truth.crs[:200]!r} is not a coordinate reference system") from None
     if not crs.is_projected:
-        raise SkyfixError(f"{path}: crs: {truth.crs} has no eastings and northings; name a projected one")
+        raise SkyfixError(
+            f"{path}: crs: {truth.crs[:200]!r} has no eastings and northings; name a projected one"
+        )
     if not np.isfinite(transform_xy(crs, WGS84, truth.easting_m, truth.northing_m)).all():
         raise SkyfixError(f"{path}: easting_m, northing_m: lie where {truth.crs} is not defined")
     return truth
