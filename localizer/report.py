@@ -59,6 +59,11 @@ class EllipseAxes(NamedTuple):
     """Of the major axis, 0 to 180."""
 
 
+def _in_short(text: str) -> str:
+    """In printable letters and not all of it: WKT has lines."""
+    return "".join(letter if letter.isprintable() else " " for letter in text[:200])
+
+
 def load_truth(path: Path) -> Truth:
     """Read a JSON file with easting_m, northing_m and crs. Raises ``SkyfixError``."""
     try:
@@ -75,10 +80,12 @@ def load_truth(path: Path) -> Truth:
             f"{path}: {field}{': ' if field else ''}{first['msg']}; a truth has easting_m, northing_m and crs"
         ) from None
     except (CRSError, RecursionError):  # the latter of JSON in the text
-        raise SkyfixError(f"{path}: crs: {truth.crs[:200]!r} is not a coordinate reference system") from None
+        raise SkyfixError(
+            f"{path}: crs: {_in_short(truth.crs)} is not a coordinate reference system"
+        ) from None
     if not crs.is_projected:
         raise SkyfixError(
-            f"{path}: crs: {truth.crs[:200]!r} has no eastings and northings; name a projected one"
+            f"{path}: crs: {_in_short(truth.crs)} has no eastings and northings; name a projected one"
         )
     if not np.isfinite(transform_xy(crs, WGS84, truth.easting_m, truth.northing_m)).all():
         raise SkyfixError(f"{path}: easting_m, northing_m: lie where {truth.crs} is not defined")
