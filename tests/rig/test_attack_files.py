@@ -30,6 +30,7 @@ from rig.bundle.writer import BundleWriteError, FrameRecord, Measurement, write_
 from rig.calibrate.board import parse_board
 from rig.calibrate.camera import views_from_files
 from rig.calibrate.naming import name_in_config
+from rig.calibrate.temperature import read_drift
 from rig.calibration import CalibrationError, read_calibration
 from rig.cli import rig
 from rig.clock import utc_now
@@ -197,6 +198,29 @@ def test_a_series_names_no_bundle_that_leads_elsewhere(tmp_path: Path, bundle: s
     (tmp_path / "series.jsonl").write_text("".join(f"{json.dumps(line)}\n" for line in lines))
     with pytest.raises(SeriesError, match="line 2 is damaged"):
         load_series(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        b"t,nan,0,0,1",
+        b"t,20,inf,0,1",
+        b"t,1e999,0,0,1",
+        b"t,20,0,0",
+        b"t,20,0,0,1\0",
+        b"t,20,0,0," + b"1" * 200_000,
+        b'"' + b"x" * 200_000,
+        b"\xff",
+    ],
+    ids=lambda line: line[:20],
+)
+def test_a_temperature_log_that_makes_no_sense_is_refused_in_one_line(tmp_path: Path, line: bytes) -> None:
+    log = tmp_path / "log.csv"
+    good = b"".join(b"t,%d,0,0,1\n" % warm for warm in range(20))
+    log.write_bytes(b"time,temperature_c,x_g,y_g,z_g\n" + good + line + b"\n")
+    with pytest.raises(CalibrationError) as refusal:
+        read_drift(log)
+    assert str(refusal.value).isprintable()
 
 
 TAKEN = {"taken": 1, "time": "2026-11-24T15:00:00Z", "took_s": 1.0, "bundle": "a", "readings": {}}
