@@ -1,6 +1,8 @@
 """How the accelerometer's zero drifts with temperature, from a log of a head that did not move."""
 
 import csv
+import io
+import math
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from localizer.documents import DocumentError, read_file
 from localizer.os_errors import why_not_written
 from rig.attitude.accelerometer import Triple
 from rig.calibration import CalibrationError
@@ -23,6 +26,8 @@ LEAST_SPAN_C = 8.0
 LEAST_READINGS = 10
 RMS_LIMIT_MG = 0.5
 PERIOD_S = 10.0
+MOST_LOG_BYTES = 100_000_000
+"""Years of readings."""
 
 
 @dataclass(frozen=True)
@@ -80,19 +85,26 @@ def read_drift(path: Path) -> Drift:
 
 def _read(path: Path) -> Vector:
     try:
-        with path.open(newline="", encoding="utf-8") as file:
-            rows = list(csv.DictReader(file))
-    except (OSError, UnicodeDecodeError) as error:
+        text = read_file(path, MOST_LOG_BYTES).decode("utf-8-sig")
+        rows = list(csv.DictReader(io.StringIO(text, newline="")))
+    except (OSError, UnicodeDecodeError, DocumentError, csv.Error) as error:
         raise CalibrationError(f"{path}: cannot be read as CSV: {error}; name a temperature log") from error
     values = []
     for number, row in enumerate(rows, start=2):
         try:
-            values.append([float(row[name]) for name in COLUMNS[1:]])
+            values.append([_finite(row[name]) for name in COLUMNS[1:]])
         except (KeyError, TypeError, ValueError):
             raise CalibrationError(
                 f"{path}: line {number}: needs numbers in the columns {', '.join(COLUMNS[1:])}"
             ) from None
     return np.array(values).reshape(-1, 4)
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError("not a finite number")
+    return value
 
 
 def _triple(values: Vector) -> Triple:

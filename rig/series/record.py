@@ -34,6 +34,7 @@ from rig.measure import utc_text
 FILE_NAME = "series.jsonl"
 SCHEMA = "skyfix.series/1"
 MOST_RECORD_BYTES = 256_000_000
+MOST_NUMBER = 10_000_000
 
 
 class SeriesError(RigError):
@@ -201,10 +202,8 @@ def held(folder: Path) -> Iterator[Series]:
             raise SeriesError(f"{path}: another process is taking this series; wait for it") from error
         content = file.read()
         file.truncate(content.rfind(b"\n") + 1)
-        for partial in folder.glob("bundles/.*.partial"):
-            shutil.rmtree(partial)
-        for partial in folder.glob("previews/.*.partial"):
-            partial.unlink()
+        for partial in (*folder.glob("bundles/.*.partial"), *folder.glob("previews/.*.partial")):
+            _remove(partial)
         yield load_series(folder)
 
 
@@ -220,13 +219,36 @@ def _add(series: Series, entry: Mapping[str, Any]) -> None:
         series.ended = True
         return
     time = datetime.fromisoformat(entry["time"])
+    if time.tzinfo is None:
+        raise ValueError("its time has no zone")
     if "begun" in entry:
-        series.begun[entry["begun"]] = time
-    elif "taken" in entry:
-        number = entry["taken"]
-        if not is_bundle_id(entry["bundle"]):
+        series.begun[_number(entry["begun"])] = time
+        return
+    number, bundle, readings, reason = _number(entry.get("taken", entry.get("failed"))), None, {}, None
+    took_s = entry["took_s"]
+    if took_s is not None and (isinstance(took_s, bool) or not isinstance(took_s, int | float)):
+        raise ValueError("took_s is no time")
+    if "taken" in entry:
+        bundle, readings = entry["bundle"], entry["readings"]
+        if not is_bundle_id(bundle) or not isinstance(readings, Mapping):
             raise ValueError("names a bundle that can be none")
-        series.outcomes[number] = Outcome(number, time, entry["took_s"], entry["bundle"], entry["readings"])
     else:
-        number = entry["failed"]
-        series.outcomes[number] = Outcome(number, time, entry["took_s"], reason=entry["reason"])
+        reason = entry["reason"]
+        if not isinstance(reason, str):
+            raise ValueError("says no reason")
+    series.outcomes[number] = Outcome(number, time, took_s, bundle, readings, reason)
+
+
+def _number(value: object) -> int:
+    """It becomes part of a file's name."""
+    if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= MOST_NUMBER:
+        raise ValueError("numbers no bundle")
+    return value
+
+
+def _remove(path: Path) -> None:
+    """A folder and all in it; of a link, or what somebody else has put there, only itself."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink()

@@ -30,6 +30,7 @@ from rig.bundle.writer import BundleWriteError, FrameRecord, Measurement, write_
 from rig.calibrate.board import parse_board
 from rig.calibrate.camera import views_from_files
 from rig.calibrate.naming import name_in_config
+from rig.calibrate.temperature import read_drift
 from rig.calibration import CalibrationError, read_calibration
 from rig.cli import rig
 from rig.clock import utc_now
@@ -39,7 +40,7 @@ from rig.daemon.http.guard import read_token
 from rig.daemon.spool import Spool
 from rig.daemon.spool_index import stored_leg
 from rig.errors import ConfigError
-from rig.series.record import SeriesError, load_series
+from rig.series.record import SeriesError, held, load_series
 from rig.telemetry import reading
 from rig.telemetry.reading import TelemetryFile, TelemetryReadError, mend
 from sim.cli import sim
@@ -197,6 +198,73 @@ def test_a_series_names_no_bundle_that_leads_elsewhere(tmp_path: Path, bundle: s
     (tmp_path / "series.jsonl").write_text("".join(f"{json.dumps(line)}\n" for line in lines))
     with pytest.raises(SeriesError, match="line 2 is damaged"):
         load_series(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        b"t,nan,0,0,1",
+        b"t,20,inf,0,1",
+        b"t,1e999,0,0,1",
+        b"t,20,0,0",
+        b"t,20,0,0,1\0",
+        b"t,20,0,0," + b"1" * 200_000,
+        b'"' + b"x" * 200_000,
+        b"\xff",
+    ],
+    ids=lambda line: line[:20],
+)
+def test_a_temperature_log_that_makes_no_sense_is_refused_in_one_line(tmp_path: Path, line: bytes) -> None:
+    log = tmp_path / "log.csv"
+    good = b"".join(b"t,%d,0,0,1\n" % warm for warm in range(20))
+    log.write_bytes(b"time,temperature_c,x_g,y_g,z_g\n" + good + line + b"\n")
+    with pytest.raises(CalibrationError) as refusal:
+        read_drift(log)
+    assert str(refusal.value).isprintable()
+
+
+TAKEN = {"taken": 1, "time": "2026-11-24T15:00:00Z", "took_s": 1.0, "bundle": "a", "readings": {}}
+
+
+@pytest.mark.parametrize(
+    "entry",
+    [
+        *({**TAKEN, "taken": number} for number in ("../../../x", -1, 0, 1.5, True, None, 10**30, [1])),
+        {**TAKEN, "took_s": "x"},
+        {**TAKEN, "readings": [1]},
+        {**TAKEN, "time": "2026-11-24T15:00:00"},
+        {"begun": "../x", "time": "2026-11-24T15:00:00Z"},
+        {"begun": None, "time": "2026-11-24T15:00:00Z"},
+        {"failed": 1, "time": "2026-11-24T15:00:00Z", "took_s": 1.0, "reason": {"a": 1}},
+    ],
+    ids=str,
+)
+def test_a_series_whose_record_makes_no_sense_is_refused_with_its_line(
+    tmp_path: Path, entry: dict[str, object]
+) -> None:
+    """The number, too, becomes part of a file's name; the rest is reckoned with and printed."""
+    plan = {"repeat": 2, "every_s": 0.0, "directions": ["N"], "rig": "x"}
+    lines = [{"schema": "skyfix.series/1", "plan": plan}, entry]
+    (tmp_path / "series.jsonl").write_text("".join(f"{json.dumps(line)}\n" for line in lines))
+    with pytest.raises(SeriesError, match="line 2 is damaged"):
+        load_series(tmp_path)
+
+
+def test_links_among_what_a_series_left_half_written_are_taken_away_and_not_followed(tmp_path: Path) -> None:
+    folder = tmp_path / "series-1"
+    for name in ("bundles", "previews"):
+        (folder / name).mkdir(parents=True)
+    (tmp_path / "kept").mkdir()
+    (tmp_path / "kept" / "file").touch()
+    (folder / "bundles" / ".a.partial").symlink_to(tmp_path / "kept")
+    (folder / "bundles" / ".b.partial").touch()
+    (folder / "previews" / ".c.partial").mkdir()
+    plan = {"repeat": 2, "every_s": 0.0, "directions": ["N"], "rig": "x"}
+    (folder / "series.jsonl").write_text(json.dumps({"schema": "skyfix.series/1", "plan": plan}) + "\n")
+    with held(folder):
+        pass
+    assert not list(folder.glob("*/.*.partial"))
+    assert (tmp_path / "kept" / "file").exists()
 
 
 def test_a_token_file_without_end_is_refused() -> None:
