@@ -260,8 +260,8 @@ def load_bundle(path: Path) -> Bundle:
         raise BundleError(f"{file}: {why_not_read(error)}") from None
     bundle = parse_bundle(text, str(file))
     bundle._directory = path
-    for frame in bundle.frames:
-        frame_image(bundle, frame)
+    for frame in {(frame.file, frame.sha256): frame for frame in bundle.frames}.values():
+        frame_image(bundle, frame)  # once where a thousand frames name one picture
     return bundle
 
 

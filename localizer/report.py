@@ -66,6 +66,11 @@ class EllipseAxes(NamedTuple):
     """Of the major axis, 0 to 180."""
 
 
+def _in_short(text: str) -> str:
+    """In printable letters and not all of it: WKT has lines."""
+    return "".join(letter if letter.isprintable() else " " for letter in text[:200])
+
+
 def load_truth(path: Path) -> Truth:
     """Read a JSON file with easting_m, northing_m and crs. Raises ``SkyfixError``."""
     try:
@@ -81,10 +86,14 @@ def load_truth(path: Path) -> Truth:
         raise SkyfixError(
             f"{path}: {field}{': ' if field else ''}{first['msg']}; a truth has easting_m, northing_m and crs"
         ) from None
-    except CRSError:
-        raise SkyfixError(f"{path}: crs: {truth.crs} is not a coordinate reference system") from None
+    except (CRSError, RecursionError):  # the latter of JSON in the text
+        raise SkyfixError(
+            f"{path}: crs: {_in_short(truth.crs)} is not a coordinate reference system"
+        ) from None
     if not crs.is_projected:
-        raise SkyfixError(f"{path}: crs: {truth.crs} has no eastings and northings; name a projected one")
+        raise SkyfixError(
+            f"{path}: crs: {_in_short(truth.crs)} has no eastings and northings; name a projected one"
+        )
     if not np.isfinite(transform_xy(crs, WGS84, truth.easting_m, truth.northing_m)).all():
         raise SkyfixError(f"{path}: easting_m, northing_m: lie where {truth.crs} is not defined")
     return truth

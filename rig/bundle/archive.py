@@ -15,7 +15,7 @@ import time
 import zipfile
 from collections.abc import Sequence
 from contextlib import closing
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import IO, Protocol
 
 from localizer.bundle import FILE_NAME, Bundle
@@ -99,7 +99,8 @@ def _write(file: IO[bytes], name: str, bundles: Sequence[Bundle]) -> dict[str, s
         table.writeheader()
         for bundle in bundles:
             table.writerows(table_rows(bundle))
-            for member in (FILE_NAME, *(frame.file for frame in bundle.frames)):
+            files = dict.fromkeys(str(PurePosixPath(frame.file)) for frame in bundle.frames)  # once if shared
+            for member in (FILE_NAME, *files):
                 add(f"{bundle.id}/{member}", (bundle.directory / member).read_bytes())
         add(INDEX_NAME, index.getvalue().encode())
         writer.add(SUMS_NAME, "".join(f"{digest}  {member}\n" for member, digest in sums.items()).encode())

@@ -1,7 +1,10 @@
 """What an archive may be and hold: the first thing past a limit ends the reading, before it takes memory, disk or time."""
 
 import os
+import re
 import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import PurePosixPath
 from typing import IO
 
@@ -17,7 +20,16 @@ RATIO_FROM_BYTES = 20_000_000
 """Below this nobody minds the ratio: a few small bundles of like content pack well."""
 MOST_AT_ONCE_BYTES = 4_000_000
 """A header that asks for more at one time (a tar's extended header, a zip's directory) is no archive of ours."""
+MOST_HEADER_BYTES = 65_536
+"""Of all headers before one file of a tar: names and times have some hundred."""
+MOST_EXTENDED_BYTES = 2_000_000
+"""Of all that tar headers hold beyond the plain block of each file; ``rig bundle export`` hardly writes any."""
+LONGEST_NUMBER = 255
+"""Digits in a row in a header. ``tarfile`` of Python 3.11 takes a time that grows with their square (CVE-2024-6232), and no
+file's name can have more."""
 LONGEST_NAME = 1200
+
+_LONG_NUMBER = re.compile(rb"[0-9]{%d}" % (LONGEST_NUMBER + 1))
 
 
 class ArchiveError(RigError):
@@ -42,6 +54,8 @@ class Tally:
     def file(self, name: str, size: int) -> None:
         """One more file, of the size that its header claims; no more than that is read of it."""
         self.folder()
+        if size < 0:  # a tar can say so, and would count backwards
+            raise ArchiveError(f"its file {name} has {size} bytes")
         if size > MOST_MEMBER_BYTES:
             raise ArchiveError(
                 f"its file {name} has {size / 1e6:.0f} MB; {MOST_MEMBER_BYTES / 1e6:.0f} is the most"
@@ -69,6 +83,25 @@ class Slices:
     def __init__(self, file: IO[bytes], most_bytes: int) -> None:
         self._file = file
         self._most_bytes = most_bytes
+        self._header_left: int | None = None
+        self._extended_left = MOST_EXTENDED_BYTES
+
+    @contextmanager
+    def header(self) -> Iterator[None]:
+        """While the context lasts a tar's headers are read: little before one file, and little in all."""
+        self._header_left = MOST_HEADER_BYTES
+        try:
+            yield
+        finally:
+            self._header_left = None
+
+    def _check_header(self, content: bytes) -> None:
+        assert self._header_left is not None
+        is_plain_block = self._header_left == MOST_HEADER_BYTES
+        self._header_left -= len(content)
+        self._extended_left -= 0 if is_plain_block else len(content)
+        if min(self._header_left, self._extended_left) < 0 or _LONG_NUMBER.search(content):
+            raise ArchiveError("is damaged or no archive: its headers are longer than any")
 
     def read(self, size: int = -1) -> bytes:
         """As files have it; all that is left only where that is little."""
@@ -77,6 +110,8 @@ class Slices:
         content = self._file.read(size if size >= 0 else MOST_AT_ONCE_BYTES)
         if self._file.tell() > self._most_bytes:
             raise ArchiveError(far_too_much(self._most_bytes))
+        if self._header_left is not None:
+            self._check_header(content)
         return content
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:

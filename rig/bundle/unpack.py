@@ -300,8 +300,14 @@ def _members(path: Path) -> Iterator[tuple[str, IO[bytes], int]]:
 
 def _tar_members(file: IO[bytes], tally: Tally) -> Iterator[tuple[str, IO[bytes], int]]:
     slices: Any = Slices(file, 2 * tally.most_bytes)  # headers and padding come on top of the contents
-    with tarfile.open(fileobj=slices, mode="r:") as tar:
-        while (member := tar.next()) is not None:
+    with slices.header():
+        tar = tarfile.open(fileobj=slices, mode="r:")  # noqa: SIM115 - see below; it reads the first header
+    with tar:
+        while True:
+            with slices.header():
+                member = tar.next()
+            if member is None:
+                break
             tar.members = []  # type: ignore[attr-defined]  # it keeps them all
             if member.isdir():
                 tally.folder()

@@ -166,6 +166,19 @@ def _take_away_old(path: Path) -> None:
         path.unlink()
 
 
+def _connect(daemon: socket.socket, path: Path, until_s: float) -> None:
+    """Where many have come at the same moment a Unix socket takes no more, at once and whatever its timeout: come again."""
+    while True:
+        try:
+            daemon.connect(str(path))
+        except BlockingIOError:
+            if time.monotonic() >= until_s:
+                raise
+            time.sleep(0.02)
+        else:
+            return
+
+
 def ask(path: Path, wish: str, timeout_s: float = 10.0) -> dict[str, Any]:
     """What the daemon answers. ``ControlError`` where none listens at ``path``, or it does not answer in time."""
     until_s = time.monotonic() + timeout_s
@@ -173,7 +186,7 @@ def ask(path: Path, wish: str, timeout_s: float = 10.0) -> dict[str, Any]:
         daemon.settimeout(timeout_s)
         line = b""
         try:
-            daemon.connect(str(path))
+            _connect(daemon, path, until_s)
             daemon.sendall(json.dumps({"do": wish}).encode() + b"\n")
             while b"\n" not in line and len(line) <= LONGEST_ANSWER:
                 daemon.settimeout(max(0.001, until_s - time.monotonic()))

@@ -147,6 +147,21 @@ def test_each_reader_of_json_refuses_it_with_its_own_error(tmp_path: Path, reade
     assert str(file) in str(refusal.value) or isinstance(refusal.value, TrackerError)
 
 
+@pytest.mark.parametrize(
+    "crs", ['{"type":' * 3000, "PROJCS[" * 3000, "x" * 1_000_000, "EPSG:4326\n", "EPSG:4326 \x1b[2J"]
+)
+def test_a_truth_whose_coordinate_reference_system_is_an_attack_is_refused_in_one_line(
+    tmp_path: Path, crs: str
+) -> None:
+    """What it says is a document, too: PROJ's JSON or WKT."""
+    file = tmp_path / "truth.json"
+    file.write_text(json.dumps({"easting_m": 1.0, "northing_m": 2.0, "crs": crs}))
+    with pytest.raises(documents.SkyfixError) as refusal:
+        load_truth(file)
+    assert str(refusal.value).isprintable()
+    assert len(str(refusal.value)) < 500
+
+
 def test_a_bundle_with_a_byte_order_mark_is_read(bundle_dir: Path) -> None:
     file = bundle_dir / "bundle.json"
     file.write_bytes(BOM + file.read_bytes())

@@ -1,6 +1,7 @@
 """Archives from anybody: nothing is written outside, nothing grows without limit, and what is refused leaves nothing."""
 
 import io
+import json
 import os
 import signal
 import subprocess
@@ -19,7 +20,7 @@ from hypothesis import strategies as st
 from localizer.bundle import BundleError, load_bundle
 from localizer.errors import SkyfixError
 from rig.bundle import limits, unpack
-from rig.bundle.archive import ArchiveError, bundles_of_archive, unpack_archive
+from rig.bundle.archive import ArchiveError, bundles_of_archive, unpack_archive, write_archive
 from rig.bundle.commands import bundle
 from sim.command import find_command, search_path
 
@@ -229,6 +230,60 @@ def test_headers_that_announce_headers_without_end_are_refused(tmp_path: Path, h
     name.type, name.size = tarfile.GNUTYPE_LONGNAME, 2
     (tmp_path / "x.tar").write_bytes((name.tobuf() + b"a\0".ljust(512, b"\0")) * 2000)
     refused(tmp_path / "x.tar", home)
+
+
+def pax_header(kind: bytes, content: bytes) -> bytes:
+    header = tarfile.TarInfo("pax")
+    header.type, header.size = kind, len(content)
+    return header.tobuf(tarfile.USTAR_FORMAT) + content.ljust(-(-len(content) // 512) * 512, b"\0")
+
+
+SPARSE = b"22 GNU.sparse.major=1\n22 GNU.sparse.minor=0\n"
+
+
+@pytest.mark.parametrize(
+    ("headers", "rest"),
+    [
+        (pax_header(tarfile.XHDTYPE, b"1" * 3_900_000), b""),
+        (pax_header(tarfile.XHDTYPE, b"1" * 60_000) * 60, b""),
+        (pax_header(tarfile.XGLTYPE, b"".join(b"9 %04x=\n" % i for i in range(60_000))), b""),
+        (pax_header(tarfile.XHDTYPE, SPARSE), b"9" * 200_000 + b"\n" + bytes(10_000_000)),
+        (pax_header(tarfile.XHDTYPE, SPARSE), b"\n" + bytes(15_000_000)),
+    ],
+    ids=["digits", "digits often", "global", "sparse digits", "sparse without end"],
+)
+def test_headers_over_which_tarfile_would_ponder_are_refused_at_once(
+    written: Path, tmp_path: Path, home: Path, headers: bytes, rest: bytes
+) -> None:
+    """Within each single limit, and for hours: the time goes with the square of what is there (CVE-2024-6232)."""
+    member = tarfile.TarInfo(f"{written.name}/x")
+    member.size = len(rest)
+    (tmp_path / "x.tar").write_bytes(headers + member.tobuf() + rest.ljust(-(-len(rest) // 512) * 512, b"\0"))
+    begun_s = time.monotonic()
+    refused(tmp_path / "x.tar", home)
+    assert time.monotonic() - begun_s < 5.0
+
+
+def test_a_file_of_less_than_no_bytes_is_refused(written: Path, tmp_path: Path, home: Path) -> None:
+    archive = write_archive_of(tmp_path / "x.tar", with_sums(members_of(written)))
+    size = pax_header(tarfile.XHDTYPE, b"12 size=-99\n")
+    archive.write_bytes(size + tarfile.TarInfo(f"{written.name}/x").tobuf() + archive.read_bytes())
+    assert "has -99 bytes" in refused(archive, home)
+
+
+@pytest.mark.parametrize("suffix", KINDS)
+def test_frames_that_share_a_picture_or_name_it_in_another_way_come_through(
+    written: Path, tmp_path: Path, suffix: str
+) -> None:
+    fields = json.loads((written / "bundle.json").read_text())
+    first = fields["frames"][0]
+    aside = {**first, "label": "aside", "file": first["file"].replace("/", "/./")}
+    fields["frames"] = [*fields["frames"], {**first, "label": "again"}, aside]
+    (written / "bundle.json").write_text(json.dumps(fields))
+    write_archive(tmp_path / f"x{suffix}", [load_bundle(written)])
+    ((place, is_new),) = unpack_archive(tmp_path / f"x{suffix}", tmp_path / "home")
+    assert is_new
+    assert load_bundle(place).to_json() == load_bundle(written).to_json()
 
 
 def test_other_packings_than_export_writes_are_refused(written: Path, tmp_path: Path, home: Path) -> None:

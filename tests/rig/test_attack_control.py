@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
+from contextlib import ExitStack
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -114,6 +115,37 @@ def test_many_who_say_nothing_keep_nobody_out(listening: Listening) -> None:
     finally:
         for each in silent:
             each.close()
+
+
+def test_who_comes_with_many_others_comes_again_until_there_is_room(tmp_path: Path) -> None:
+    """A Unix socket whose backlog is full refuses at once: EAGAIN, whatever timeout there is."""
+    path = tmp_path / "full"
+    with ExitStack() as stack:
+        server = stack.enter_context(socket.socket(socket.AF_UNIX))
+        server.bind(str(path))
+        server.listen(0)
+
+        def serve() -> None:
+            time.sleep(0.3)
+            server.settimeout(PATIENCE_S)
+            for _ in range(2):
+                client, _ = server.accept()
+                stack.callback(client.close)
+            client.recv(4096)
+            client.sendall(b'{"answer": "started"}\n')
+
+        first = stack.enter_context(socket.socket(socket.AF_UNIX))
+        first.connect(str(path))
+        serving = threading.Thread(target=serve)
+        serving.start()
+        stack.callback(serving.join)
+        assert ask(path, "trigger", PATIENCE_S) == {"answer": "started"}
+    with socket.socket(socket.AF_UNIX) as server, socket.socket(socket.AF_UNIX) as first:
+        server.bind(str(tmp_path / "stays full"))
+        server.listen(0)
+        first.connect(str(tmp_path / "stays full"))
+        with pytest.raises(ControlError, match="does not answer"):
+            ask(tmp_path / "stays full", "trigger", 0.3)
 
 
 def test_who_asks_much_and_reads_nothing_is_cut_off(

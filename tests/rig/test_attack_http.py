@@ -201,6 +201,42 @@ def test_wrong_tokens_are_slowed_down_counted_and_told_without_filling_the_log(
     assert time.monotonic() - begun < 1.0, "the right one does not wait for those who guess"
 
 
+GUESS = b"POST /capture HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer a-wrong-one\r\nContent-Length: 0\r\n\r\n"
+
+
+@pytest.mark.parametrize(
+    "slow", [GUESS, HEAD + b"Content-Length: 10\r\n\r\n"], ids=["wrong tokens", "bodies that do not end"]
+)
+def test_those_whose_questions_take_long_keep_nobody_out(server: Server, slow: bytes) -> None:
+    """While they wait, and as many after they have gone: their places are free again."""
+    with ExitStack() as stack:
+        for _ in range(MOST_WAITING + 4):
+            stack.enter_context(server.connected()).sendall(slow)
+            time.sleep(0.01)
+        assert server.lives()
+        assert httpx.post(f"{server.url}/capture", headers=BEARER).status_code == 202
+    for _ in range(80):
+        with server.connected() as client:
+            client.sendall(slow)
+            time.sleep(0.01)
+    time.sleep(0.5)
+    assert server.lives()
+    assert httpx.post(f"{server.url}/capture", headers=BEARER).status_code == 202
+
+
+def test_who_reads_a_stream_stays_when_many_come(server: Server) -> None:
+    with server.connected() as reader, ExitStack() as stack:
+        reader.sendall(b"GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        assert b"200 OK" in reader.recv(4096)
+        for _ in range(2 * MOST_WAITING):
+            stack.enter_context(server.connected()).sendall(GUESS)
+        assert server.lives()
+        server.board.tell("status", still="there")
+        heard = b""
+        while b"still" not in heard:
+            heard += reader.recv(4096)
+
+
 def test_healthz_tells_life_and_readiness_apart(server: Server) -> None:
     told = httpx.get(f"{server.url}/healthz").json()
     assert told == {

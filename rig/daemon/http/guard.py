@@ -33,6 +33,9 @@ LEAST_TOKEN = 16
 MOST_TOKEN_BYTES = 4096
 FIRST_DELAY_S, LONGEST_DELAY_S = 0.1, 3.0
 """Of the answer to a wrong token; it doubles with each one."""
+LONGEST_WAIT_S = 15.0
+"""With all that came before it."""
+GONE_POLL_S = 0.25
 FORGIVEN_S = 60.0
 TOLD_EVERY_S = 60.0
 
@@ -126,23 +129,25 @@ class _Guesses:
     """Wrong tokens: each is answered later than the one before, one after the other, and now and then a line tells of them."""
 
     def __init__(self) -> None:
-        self._one_at_a_time = asyncio.Lock()
         self._lately = 0
-        self._last_s = self._told_s = -math.inf
+        self._last_s = self._told_s = self._next_s = -math.inf
         self._untold = 0
 
-    async def wrong(self, address: str) -> None:
-        """Wait, and perhaps tell."""
+    async def wrong(self, request: Request) -> None:
+        """Wait as long as whoever asked is there, and perhaps tell: who has gone must not be one of many who are served."""
         now_s = time.monotonic()
         if now_s - self._last_s > FORGIVEN_S:
             self._lately = 0
         self._lately, self._last_s, self._untold = self._lately + 1, now_s, self._untold + 1
         if now_s - self._told_s > TOLD_EVERY_S:
+            address = request.client.host if request.client else "an unknown address"
             _log.warning("wrong token over HTTP from %s; %d since the last such line", address, self._untold)
             self._told_s, self._untold = now_s, 0
-        delay_s = min(FIRST_DELAY_S * 2.0 ** (self._lately - 1), LONGEST_DELAY_S)
-        async with self._one_at_a_time:
-            await asyncio.sleep(delay_s)
+        delay_s = min(FIRST_DELAY_S * 2.0 ** min(self._lately - 1, 10), LONGEST_DELAY_S)
+        self._next_s = min(max(self._next_s, now_s) + delay_s, now_s + LONGEST_WAIT_S)
+        until_s = self._next_s
+        while (left_s := until_s - time.monotonic()) > 0.0 and not await request.is_disconnected():
+            await asyncio.sleep(min(left_s, GONE_POLL_S))
 
 
 def token_check(token: str | None, count: Callable[[str], None] = lambda what: None) -> Check:
@@ -161,7 +166,7 @@ def token_check(token: str | None, count: Callable[[str], None] = lambda what: N
         if shown is None or not hmac.compare_digest(shown.credentials.encode(), token.encode()):
             if shown is not None:
                 count("wrong tokens")
-                await guesses.wrong(request.client.host if request.client else "an unknown address")
+                await guesses.wrong(request)
             raise HTTPException(
                 401,
                 "show the token: Authorization: Bearer TOKEN, as in [run.http] token_file",

@@ -5,7 +5,9 @@ import asyncio
 from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 
 MOST_WAITING = 48
-"""So many connections may be open; one more, and of those that have asked nothing yet the oldest goes."""
+"""So many connections may be open; one more, and the oldest of those that have asked nothing, or that are slow, goes."""
+STREAM_PATH = "/events"
+"""Where an answer goes on and on, and few are let in (``rig.daemon.http.relay``)."""
 ASKED_WITHIN_S = 30.0
 """Whoever has not put a whole question for so long, at most twice as long, is cut off. A stream is an answer that goes on."""
 
@@ -22,8 +24,19 @@ class PatientProtocol(H11Protocol):
             p for p in self.connections if isinstance(p, PatientProtocol) and not p.transport.is_closing()
         ]
         if len(there) > MOST_WAITING:
-            idle = [each for each in there if each.idle]
-            min(idle, key=lambda each: each._since_s).transport.abort()
+            min(there, key=lambda each: each._claim(self)).transport.abort()
+
+    def _claim(self, newest: "PatientProtocol") -> tuple[int, float]:
+        """Who has the least claim to stay, and of these the oldest, goes first: a question is put and answered in a moment."""
+        if self is newest:
+            claim = 4
+        elif self.idle:
+            claim = 0
+        elif not self.cycle.response_started:  # the body does not end, or a wrong token waits
+            claim = 1
+        else:
+            claim = 3 if self.scope["path"] == STREAM_PATH else 2
+        return claim, self._since_s
 
     @property
     def idle(self) -> bool:

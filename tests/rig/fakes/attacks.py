@@ -13,6 +13,7 @@ JSON_ATTACKS = {
     "NaN": b'{"id": NaN}',
     "Infinity": b'{"id": -Infinity}',
     "a name twice": b'{"id": "a", "id": "b"}',
+    "a name twice, late": b"{" + b"".join(b'"%05d":1,' % i for i in range(90_000)) + b'"id":1,"id":2}',
     "half a surrogate": b'{"id": "\\ud800"}',
     "half a surrogate as a name": b'{"\\udfff": 1}',
     "a zero": b'{"id": "a\\u0000b"}',
