@@ -261,6 +261,13 @@ class TestBarometer:
             ("WIXDR,P,9999.9,H,PTB#0,P,968.7,H,PTB#1", 968.7),
             ("YXXDR,P,0.9687,B", 968.7),
             ("WIXDR,C,21.0,C,TEMP,G,1,,X,P,96870,P,AIRP", 968.7),
+            ("WIXDR,P,1.0248,B,QNH,P,0.9687,B,QFE", 968.7),
+            ("WIXDR,P,1.0248,B,SeaLevelPressure,P,0.9687,B,StationPressure", 968.7),
+            ("WIXDR,P,1024.8,H,PRES_SEA,P,968.7,H,1", 968.7),
+            ("WIXDR,P,968.7,hPa,Barometer", 968.7),
+            ("WIXDR,P,96.87,kPa,Barometer", 968.7),
+            ("WIXDR,P,726.58,mmHg,Barometer", 968.694),
+            ("WIXDR,P,28.606,I,Barometer", 968.71),
         ],
     )
     def test_the_first_plausible_one_that_is_the_air_s(
@@ -279,6 +286,15 @@ class TestBarometer:
     def test_machines_are_no_barometer(self, hear: Callable[..., Any]) -> None:
         with pytest.raises(TransientError, match="set the instrument to send"):
             hear(nmea_barometer, sealed("ERXDR,P,100300,P,ENGINEOIL#0"))
+
+    @pytest.mark.parametrize(
+        "name", ["QNH", "QFF", "MSLP", "SeaLevelPressure", "PRES_SEA", "RelativePressure"]
+    )
+    def test_a_pressure_of_sea_level_says_no_altitude(self, hear: Callable[..., Any], name: str) -> None:
+        body = f"WIXDR,P,1.0248,B,{name}"
+        with pytest.raises(TransientError, match="reduced to sea level"):
+            hear(nmea_barometer, sealed(body))
+        assert air(hear(nmea_barometer, sealed(body), transducer=name)) == [1024.8]
 
     @pytest.mark.parametrize(
         ("body", "said", "pressure_hpa"),
@@ -306,7 +322,11 @@ class TestBarometer:
         assert air(hear(nmea_barometer, reported("b05"))) == [1013.25]
 
     @pytest.mark.parametrize(
-        "body", ["IIXDR,P,300,B,FUELRAIL", "IIXDR,P,1013.25,B,X", "IIXDR,P,101.3,B,Barometer"]
+        "body",
+        [
+            *("IIXDR,P,300,B,FUELRAIL", "IIXDR,P,1013.25,B,X", "IIXDR,P,101.3,B,Barometer"),
+            *("IIXDR,P,760.1,,Barometer", "IIXDR,P,760.1,T,Barometer"),  # hPa at 2,400 m, or mmHg at the sea
+        ],
     )
     def test_a_unit_that_could_be_something_else_is_refused(
         self, hear: Callable[..., Any], body: str
