@@ -94,6 +94,7 @@ class TestCompass:
             b"$HCHDM,237.5,M*2A\r\x00\n" * 3,
             b"$HCHDM,237.5,M*2A\xff\r\n" * 3,
             b"$HCHDM,237.5,M*2a \t\r\n" * 3,
+            b"$HCHDM,237.5,M*2A\x03\r\n$HCHDM,237.5,M*2A\x0c\r\n" * 3,
             b"\\g:1-2-73874,n:157036,s:r003669945,c:1241544035*4A\\$HCHDM,237.5,M*2A\r\n" * 3,
         ],
     )
@@ -159,6 +160,15 @@ class TestCompass:
             hear(nmea_compass, reported("n01"))
         assert headings(hear(nmea_compass, reported("n01"), require_checksum=False)) == [237.5, 237.5]
 
+    def test_a_star_without_a_checksum_is_none(self, hear: Callable[..., Any]) -> None:
+        data = b"$HCHDM,237.5,M*\r\n"
+        with pytest.raises(TransientError, match="ends without one"):
+            hear(nmea_compass, data)
+        assert headings(hear(nmea_compass, data, require_checksum=False)) == [237.5]
+        with collecting() as faults:
+            assert headings(hear(nmea_compass, sealed("HCHDM,1.0,M") + data, require_checksum=False)) == [1.0]
+        assert [note.problem for note in faults.all()] == ["sent a damaged line"]
+
     def test_without_checksums_a_sentence_has_to_be_complete(self, hear: Callable[..., Any]) -> None:
         cut = b"$HCHDM,23\r\n$HCHDM,237.5\r\n$HCHDM,237.5,\r\n$HCHDG,237.5,,\r\n$HCHDM,237.6,M\r\n"
         assert headings(hear(nmea_compass, cut, require_checksum=False)) == [237.6]
@@ -205,6 +215,7 @@ class TestCompass:
             (b"85.9,-0.9,0.8\r\n" * 3, "plain numbers: b'85.9,-0.9,0.8'"),
             (b'{"heading": 85.9}\r\n', "JSON"),
             (b"Heading 85.9 deg\r\n" * 3, "text that is no NMEA: b'Heading 85.9 deg'"),
+            ("Kurs 85.9° magnetisch\r\n".encode() * 3, "text that is no NMEA"),
             (b"\x01P\x021 1009.18 ***.* * 1009.2 1009.2 1009.2 000\x03D6\r\n", "Vaisala PA50"),
             (
                 b"$\xc8C\xc8D\xcd,\xb237.5,\xcd\xaa2A\x8d\n" * 3,
