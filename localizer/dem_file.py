@@ -92,6 +92,11 @@ def _tile_of(
     overruled = _overruled(dataset, path, stated_crs, crs, vertical_unit, band, wanted_scale)
     scale, offset = scale_of(dataset, path, band, wanted_scale)
     heights = heights_of(_own_crs(dataset, stated_crs))
+    if heights.downward and wanted_scale is None and scale > 0.0:
+        raise DemError(
+            f"{path}: its values count downwards ({heights.name}); say --scale -1, or --scale 1 where they are elevations all "
+            "the same"
+        )
     z_m = elevations_m(dataset, band, scale, offset, VERTICAL_UNITS[unit], nodata)
     voids = int(np.count_nonzero(np.isnan(z_m)))
     if voids == z_m.size:
@@ -216,10 +221,10 @@ def _vertical_unit(
     for axis in crs.axis_info:
         if axis.direction in ("up", "down"):
             for unit, metres in VERTICAL_UNITS.items():
-                if axis.direction == "up" and math.isclose(axis.unit_conversion_factor, metres, rel_tol=1e-9):
+                if math.isclose(axis.unit_conversion_factor, metres, rel_tol=1e-9):
                     return unit, "CRS"
             raise DemError(
-                f"{path}: its vertical axis ({axis.direction}, {axis.unit_name}) is unknown; "
+                f"{path}: the unit of its vertical axis ({axis.unit_name}) is unknown; "
                 "name the unit of the elevations with --vertical-unit"
             )
     if crs.is_projected and any(axis.unit_conversion_factor != 1.0 for axis in crs.axis_info):

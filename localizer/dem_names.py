@@ -41,10 +41,14 @@ def name_for_gdal(path: PurePath | str) -> str:
     name = str(path)
     scheme = _SCHEME.match(name)
     if scheme:  # a Path keeps one slash of two, and two of three
-        rest = scheme["rest"].lstrip("/")
-        here = rest.split("!")[0]
-        rest = rest if Path(here).exists() or not Path(f"/{here}").exists() else f"/{rest}"
-        return f"{scheme['scheme']}://{rest}"
+        archive, *member = scheme["rest"].lstrip("/").split("!")
+        # absolute, because the part after two slashes is taken for a server's name
+        path = (
+            Path(archive)
+            if Path(archive).exists() or not Path(f"/{archive}").exists()
+            else Path(f"/{archive}")
+        )
+        return "!".join((f"{scheme['scheme']}://{path.absolute()}", *member))
     packed = _VSI.match(name)
     if packed:
         return _absolute_again(name)

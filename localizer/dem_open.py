@@ -2,13 +2,15 @@
 
 import gzip
 import re
+import tarfile
 import warnings
 import zipfile
 import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
+from xml.etree import ElementTree
 
 import numpy as np
 
@@ -98,10 +100,11 @@ def _checked_name(path: Path) -> str:
     file = container(name)
     if file is None and "vsimem" not in name and is_gdal_name(text):
         raise DemError(f"{path}: no such file")
-    if file is not None and (name != text or is_gdal_name(text)):
+    if file is not None and (name != text or is_gdal_name(text) or file.suffix.lower() == ".zip"):
         _check_packed(path, file)
-        if name.lower().startswith("/vsizip/") and str(file) == name[len("/vsizip/") :]:
-            return _only_member(path, file, name)
+        for prefix, members in (("/vsizip/", _members_of_zip), ("/vsitar/", _members_of_tar)):
+            if name.lower() == f"{prefix}{file}".lower():
+                return _only_member(path, members(file), name)
     return name
 
 
@@ -127,10 +130,18 @@ def _check_packed(path: Path, file: Path) -> None:
         raise DemError(f"{path}: is damaged or cut short ({what}); fetch it anew") from None
 
 
-def _only_member(path: Path, file: Path, name: str) -> str:
-    """An archive of one raster may go by its own name."""
+def _members_of_zip(file: Path) -> list[str]:
     with zipfile.ZipFile(file) as archive:
-        members = [m for m in archive.namelist() if not m.endswith("/")]
+        return [m for m in archive.namelist() if not m.endswith("/")]
+
+
+def _members_of_tar(file: Path) -> list[str]:
+    with tarfile.open(file) as archive:
+        return [m.name for m in archive if m.isfile()]
+
+
+def _only_member(path: Path, members: list[str], name: str) -> str:
+    """An archive of one raster may go by its own name."""
     rasters = [m for m in members if m.lower().endswith(_SUFFIXES)] or members
     if len(rasters) != 1:
         raise DemError(
@@ -165,6 +176,8 @@ def _check_complete(dataset: "DatasetReader", path: Path) -> None:
         return
     if dataset.driver == "XYZ":
         _check_points(dataset, path)
+    if dataset.driver == "VRT":
+        _check_sources(dataset, path)
     least = RAW_DRIVERS.get(dataset.driver)
     if dataset.driver == "PCIDSK" and dataset.compression is None and not dataset.is_tiled:
         least = 1024
@@ -179,14 +192,51 @@ def _check_complete(dataset: "DatasetReader", path: Path) -> None:
     needed = start + sum(np.dtype(dtype).itemsize for dtype in dataset.dtypes) * rows * cols
     held = max(file.stat().st_size for file in files)
     if held < needed:
-        raise DemError(
-            f"{path}: is cut short: {rows} x {cols} cells take {needed} bytes, it has {held}; fetch it anew"
-        )
+        raise _cut_short(path, rows, cols, needed, held)
+
+
+def _check_sources(dataset: "DatasetReader", path: Path) -> None:
+    """The files that a VRT is made of: rasters of their own, and plain arrays that only it describes."""
+    import rasterio
+    from rasterio.errors import RasterioError
+
+    for name in dataset.files:
+        if Path(name) == Path(dataset.name) or not Path(name).is_file():
+            continue
+        with suppress(RasterioError), rasterio.open(name) as source:  # a plain array is no raster
+            _check_complete(source, path)
+    if not Path(dataset.name).is_file():
+        return
+    with suppress(ElementTree.ParseError, ValueError):  # GDAL takes what is no XML in the strict sense
+        for band in ElementTree.parse(dataset.name).iter("VRTRasterBand"):
+            if band.get("subClass") == "VRTRawRasterBand":
+                _check_array(band, dataset, path)
+
+
+def _check_array(band: ElementTree.Element, dataset: "DatasetReader", path: Path) -> None:
+    named = band.find("SourceFilename")
+    if named is None or not named.text:
+        return
+    file = Path(dataset.name).parent / named.text if named.get("relativeToVRT") == "1" else Path(named.text)
+    offset, pixel, line = (
+        int(band.findtext(key) or 0) for key in ("ImageOffset", "PixelOffset", "LineOffset")
+    )
+    rows, cols = dataset.shape
+    size = np.dtype(dataset.dtypes[int(band.get("band") or 1) - 1]).itemsize
+    needed = offset + max(line, 0) * (rows - 1) + max(pixel, 0) * (cols - 1) + size
+    if file.is_file() and file.stat().st_size < needed:
+        raise _cut_short(path, rows, cols, needed, file.stat().st_size)
+
+
+def _cut_short(path: Path, rows: int, cols: int, needed: int, held: int) -> DemError:
+    return DemError(
+        f"{path}: is cut short: {rows} x {cols} cells take {needed} bytes, it has {held}; fetch it anew"
+    )
 
 
 def _is_packed(dataset: "DatasetReader") -> bool:
     packed = dataset.tags(ns="ENVI").get("file_compression", "0").strip() not in ("", "0")
-    return packed or dataset.name.startswith("/vsi")
+    return packed or dataset.name.startswith("/vsi") or Path(dataset.name).suffix.lower() == ".zip"
 
 
 def _check_points(dataset: "DatasetReader", path: Path) -> None:

@@ -12,13 +12,19 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pyproj import CRS, Geod
+from pyproj.exceptions import CRSError
 
 from localizer.crs import geographic_crs, own_lonlat_deg, own_xy, turn_in_x
+from localizer.errors import SkyfixError
 
 Floats = NDArray[np.float64]
 
 NEIGHBOUR_M = 100.0
 """Geodesics of this length tell the scale: curvature adds 1e-10 of it, rounding 1e-11."""
+
+
+class MapError(SkyfixError):
+    """The name of a map that says nothing here: another version of PROJ may have known it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +75,10 @@ class MapMetres:
 
 
 def map_metres(crs: CRS | str, easting_m: float, northing_m: float) -> MapMetres:
-    """The map's metres at one place. ``crs`` is projected, in metres, or the name of such a CRS."""
+    """The map's metres at one place. ``crs`` is projected, in metres, or the name of such a CRS.
+
+    ``MapError`` for a name that is none.
+    """
     return MapMetres(to_map_metres(_crs(crs), easting_m, northing_m))
 
 
@@ -121,7 +130,10 @@ def ground_distance_m(crs: CRS | str, start: tuple[float, float], end: tuple[flo
 
 @lru_cache(maxsize=64)
 def _named(name: str) -> CRS:
-    return CRS.from_user_input(name)
+    try:
+        return CRS.from_user_input(name)
+    except (CRSError, RecursionError):
+        raise MapError(f"{name[:200]!r} is no coordinate reference system that is known here") from None
 
 
 def _crs(crs: CRS | str) -> CRS:

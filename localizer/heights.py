@@ -34,6 +34,8 @@ class Heights:
     name: str | None = None
     """As the file's CRS has it, as "NAVD88 height"; None where it says nothing."""
     ellipsoidal: bool = False
+    downward: bool = False
+    """Whether they are depths, as the file's CRS has it."""
     geoid_offset_m: float | None = None
     """What was taken off for the geoid's height above the ellipsoid, as told; None where nothing was."""
     converted: str | None = None
@@ -54,7 +56,8 @@ def heights_of(crs: CRS) -> Heights:
         vertical = whole
     if vertical is not None:
         datum = "" if vertical.datum is None else vertical.datum.name
-        return Heights(vertical.name, ELLIPSOID in f"{vertical.name} {datum}".lower())
+        downward = any(axis.direction == "down" for axis in vertical.axis_info)
+        return Heights(vertical.name, ELLIPSOID in f"{vertical.name} {datum}".lower(), downward)
     if len(whole.axis_info) == 3 and not whole.is_geocentric:
         return Heights("height above the ellipsoid", True)
     return Heights()
@@ -117,6 +120,11 @@ def heights_text(heights: Heights) -> str:
 
 def heights_note(heights: Heights) -> str | None:
     """What whoever searches should know of them."""
+    if heights.geoid_offset_m and heights.name and not heights.ellipsoidal:
+        return (
+            f"the file says that its elevations are {heights.name}, which counts from the sea; --geoid-offset moves them by "
+            f"{-heights.geoid_offset_m:+.1f} m all the same"
+        )
     if not heights.altitude_sigma_m:
         return None
     return (

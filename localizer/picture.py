@@ -15,6 +15,10 @@ FORMATS = ("PNG", "JPEG", "BMP", "WEBP")
 """Not TIFF, whose library prints its own complaints."""
 MOST_PIXELS = 150_000_000
 """No camera has more; a file of a few kilobytes can claim to."""
+USED_SHARE = 0.995
+"""Of the pixels; the others may be stuck."""
+STUCK_BITS = 2
+"""So many more than the other pixels use show that they are."""
 ORIENTATION = 0x0112
 UPRIGHT = 1
 TURNED = (3, 5, 6, 7, 8)
@@ -97,7 +101,11 @@ def _pixels(picture: Image.Image, content: bytes) -> NDArray[np.uint8]:
 
 
 def _eight_bits(values: NDArray[np.generic]) -> NDArray[np.uint8]:
-    """Cameras of 10, 12 and 14 bits leave the upper ones of 16 empty."""
+    """Cameras of 10, 12 and 14 bits leave the upper ones of 16 empty, but for stuck pixels and a line of their own data."""
     whole = values.astype(np.int64)
-    unused = max(int(whole.max(initial=0)).bit_length() - 8, 0)
-    return (whole >> unused).clip(0, 255).astype(np.uint8)
+    used, most = (
+        int(np.quantile(whole, share, method="higher") if whole.size else 0).bit_length()
+        for share in (USED_SHARE, 1.0)
+    )
+    used = most if most - used < STUCK_BITS else used
+    return (whole >> max(used - 8, 0)).clip(0, 255).astype(np.uint8)

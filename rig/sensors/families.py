@@ -50,10 +50,17 @@ def other_format(line: bytes) -> str | None:
     with contextlib.suppress(MessageError):
         address = parse_sentence(bytes(byte & 0x7F for byte in line)).address
         return f"{address} with parity bits: 8 data bits without parity are needed"
-    plain = len(line) >= 3 and all(0x20 <= byte < 0x7F or byte == 0x09 for byte in line)
-    if plain and not set(line) & set(b"$*!\\"):
+    if len(line) >= 3 and _is_readable(line) and not set(line) & set(b"$*!\\"):
         return f"text that is no NMEA: {line[:40]!r}"
     return None
+
+
+def _is_readable(line: bytes) -> bool:
+    """Whether all of it is printable, degree signs and the like in UTF-8 included."""
+    try:
+        return line.decode("utf-8").replace("\t", " ").isprintable()
+    except UnicodeDecodeError:
+        return False
 
 
 def baud_advice(baud: int, noise: bytes) -> str:

@@ -13,7 +13,7 @@ from rig.sensors.nmea_sentence import LETTERED, Sentence, step_of
 
 COARSEST_DEG = 1.0
 MOST_VARIATION_DEG = 90.0
-"""Beyond it, which is only beside a magnetic pole, a variation is a filler (999.9, 180)."""
+"""Beyond it, which is only beside a magnetic pole, a variation is a filler (999.9, 180), and so is a deviation."""
 
 _CONTRADICTS = "the sentence contradicts itself: set the instrument to send HDG or HDM"
 
@@ -61,21 +61,22 @@ def _heading(
 
 def _hdg(sentence: Sentence, at: Instant) -> HeadingReading:
     # Sensor heading, deviation E/W, variation E/W: magnetic = sensor + deviation, true = magnetic +
-    # variation.
+    # variation. Without its letter a variation is not known, but the heading is; a deviation is part of the heading.
+    deviation_deg = _east(sentence, 1) or 0.0
     return _heading(
         sentence,
         at,
         "magnetic",
-        deviation_deg=_east(sentence, 1) or 0.0,
-        variation_deg=_east(sentence, 3),
+        deviation_deg=deviation_deg if abs(deviation_deg) <= MOST_VARIATION_DEG else 0.0,
+        variation_deg=_east(sentence, 3) if sentence.field(4) else None,
     )
 
 
 def _east(sentence: Sentence, index: int) -> float | None:
     """An angle and its E or W, east positive."""
     angle_deg = sentence.optional_number(index)
-    if angle_deg is None:
-        return None
+    if angle_deg is None or (angle_deg == 0.0 and not sentence.field(index + 1)):
+        return angle_deg  # 0 is neither
     side = sentence.field(index + 1).upper()
     if side not in ("E", "W"):
         raise NoReadingError(f"{sentence.address} has {side!r} in field {index + 2} instead of E or W")

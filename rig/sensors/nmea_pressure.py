@@ -22,12 +22,22 @@ FINE_ENOUGH_HPA = 0.1
 """Of bar with four decimals: as good as any barometer; inches with more digits say no more."""
 
 _HPA_PER_INHG = 33.86389
-_HPA_PER_UNIT = {"B": 1000.0, "P": 0.01, "H": 1.0}  # bar, pascal, and hPa as Vaisala writes it
+_HPA_PER_MMHG = 1.333224
+_HPA_PER_UNIT = {
+    "B": 1000.0,
+    "P": 0.01,
+    "H": 1.0,
+    "I": _HPA_PER_INHG,
+}  # H as Vaisala writes hPa, I as MDA has it
+_HPA_PER_UNIT |= {"BAR": 1000.0, "MBAR": 1.0, "MB": 1.0, "HPA": 1.0, "PA": 0.01, "KPA": 10.0}
+_HPA_PER_UNIT |= {"INHG": _HPA_PER_INHG, "MMHG": _HPA_PER_MMHG, "TORR": _HPA_PER_MMHG}
 _OF_THE_AIR = ("BARO", "ATM", "AIR", "PRES", "QFE", "OUTSIDE", "AMBIENT", "WEATHER", "PTB")
 _OF_MACHINES = (
     *("ENGINE", "OIL", "BOOST", "FUEL", "TANK", "COOLANT", "HYDRAUL", "GEARBOX", "TURBO", "MANIFOLD", "RAIL"),
     *("TRANSMISSION", "EXHAUST", "WATER", "PUMP", "BRAKE", "TYRE", "TIRE", "REFRIG", "STEAM"),
 )
+_OF_SEA_LEVEL = ("QNH", "QFF", "MSL", "SLP", "SEA", "RELATIVE", "REDUCED")
+"""What is reduced to sea level tells the weather, not the altitude."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +59,10 @@ class _Group:
         """The same in the one unit in which it is an air pressure, and that unit's name; None where there is none.
 
         Bar, hectopascal and pascal cannot be taken for one another. OpenCPN takes 800 to 1100 "bar", so instruments send it.
+        760 in no unit, or in one that is not known, may be millimetres of mercury.
         """
+        if math.isnan(self.pressure_hpa) and is_air(float(self.text) * _HPA_PER_MMHG):
+            return None
         for name, hpa_per_unit in (("hPa", 1.0), ("Pa", 0.01), ("bar", 1000.0)):
             if is_air(float(self.text) * hpa_per_unit):
                 step_hpa = _step_hpa(self.text, hpa_per_unit)
@@ -63,7 +76,8 @@ def parse_pressure(sentence: Sentence, at: Instant, transducer: str | None = Non
     """The air pressure in XDR, MDA or MMB; None for any other sentence, and for an XDR of other transducers.
 
     ``transducer`` names the group of the XDR that is meant, or a sentence ("WIMDA"); without it a plausible one that is called
-    like a barometer counts, else the first plausible one that is not called like a part of a machine.
+    like a barometer counts, else the first plausible one that is not called like a part of a machine. A pressure that is called
+    one of sea level counts only where it is named.
     """
     by_sentence = transducer is not None and transducer.upper() in (sentence.address, sentence.kind)
     match sentence.kind:
@@ -85,6 +99,13 @@ def _xdr(sentence: Sentence, at: Instant, transducer: str | None) -> PressureRea
         groups = [group for group in groups if group.name.upper() == transducer.upper()]
     else:
         groups = [group for group in groups if not _named(group.name, _OF_MACHINES)]
+        reduced = [group for group in groups if _named(group.name, _OF_SEA_LEVEL)]
+        groups = [group for group in groups if group not in reduced]
+        if reduced and not groups:
+            raise NoReadingError(
+                f"{sentence.address} says {reduced[0].said}, which is reduced to sea level: it says no altitude",
+                "set the instrument to send the pressure where it stands (QFE)",
+            )
     plausible = [group for group in groups if is_air(group.pressure_hpa)]
     named = [group for group in groups if transducer is not None or _named(group.name, _OF_THE_AIR)]
     remark = None
@@ -112,7 +133,7 @@ def _pressures(sentence: Sentence) -> Iterator[_Group]:
     for index in range(0, len(sentence.fields), 4):  # type, value, unit, name
         unit, value = sentence.field(index + 2), sentence.number_if_any(index + 1)
         if sentence.field(index) == "P" and value is not None:
-            hpa_per_unit = _HPA_PER_UNIT.get(unit, math.nan)
+            hpa_per_unit = _HPA_PER_UNIT.get(unit.upper(), math.nan)
             text = sentence.field(index + 1)
             yield _Group(
                 sentence.field(index + 3), text, unit, value * hpa_per_unit, _step_hpa(text, hpa_per_unit)

@@ -16,10 +16,11 @@ from rig.errors import MessageError, NoChecksumError, NoReadingError
 LETTERED = "$C"
 """The kind of a sentence of letters and numbers; each field is a letter with its number."""
 
-_AFTER = b"\x00\xff \t\r\n"
+_AFTER = bytes(range(0x21)) + b"\x7f\xff"
+"""What terminals, modems and C strings add to a line."""
 _BODY = rb"[\x20-\x23\x25-\x29\x2b-\x7e]*"
 _SENTENCE = re.compile(rb"[$!](" + _BODY + rb")\*([0-9A-Fa-f]{1,2})")
-_WITHOUT_CHECKSUM = re.compile(rb"\$([A-Z][A-Z0-9]{2,}," + _BODY + rb"|C[+-]?\d[^,*]*)")
+_WITHOUT_CHECKSUM = re.compile(rb"\$([A-Z][A-Z0-9]{2,}," + _BODY + rb"|C[+-]?\d[^,*]*)\*?")
 _LETTERED_BODY = re.compile(r"C[+-]?[\d.]+([A-Z][a-z]*[+-]?[\d.]+)+")
 _LETTERED_FIELD = re.compile(r"[A-Z][a-z]*[+-]?[\d.]+")
 _NUMBER = re.compile(r"[+-]?(\d{1,9}\.?\d{0,12}|\.\d{1,12})")
@@ -131,7 +132,7 @@ def _start(line: bytes) -> int:
 def _unsealed(text: bytes, require_checksum: bool) -> Sentence:
     if require_checksum:
         raise NoChecksumError(f"{shown(text)} is no NMEA sentence with a checksum: it ends without one")
-    sentence = _fields(text[1:], sealed=False)
+    sentence = _fields(text[1:].removesuffix(b"*"), sealed=False)
     short = len(sentence.fields) < _COMPLETE.get(sentence.kind, 0)
     torn = sentence.kind == "XDR" and len(sentence.fields) % 4
     cut = sentence.kind in ("HDM", "HDT", "THS") and not sentence.field(1)

@@ -2,6 +2,7 @@
 
 import gzip
 import socket
+import tarfile
 import threading
 import zipfile
 from pathlib import Path
@@ -83,6 +84,39 @@ def test_packed_files_by_their_own_names(tmp_path, write_raster, ramp, refused):
     said = refused("dem", "info", several)
     assert "holds 2 files" in said
     assert "/b.tif" in said
+
+
+@pytest.mark.parametrize("suffix", [".hgt.zip", ".SRTMGL1.hgt.zip"])
+def test_a_zipped_tile_of_srtm_is_as_long_as_what_is_in_it(tmp_path, refused, suffix):
+    path = tmp_path / f"N44W072{suffix}"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+        file.writestr("N44W072.hgt", np.full((1201, 1201), 500, ">i2").tobytes())
+    assert load_dem([path]).z_m[0, 0] == 500.0
+    content = bytearray(path.read_bytes())
+    content[1500] ^= 0xFF
+    path.write_bytes(content)
+    assert "damaged or cut short" in refused("dem", "info", path)
+
+
+def test_archives_by_relative_names(tmp_path, write_raster, ramp, refused, monkeypatch):
+    plain = write_raster(ramp)
+    with zipfile.ZipFile(tmp_path / "one.zip", "w") as file:
+        file.write(plain, "tiles/dem.tif")
+    for name, members in (("one.tar.gz", ("dem.tif",)), ("two.tgz", ("a.tif", "b.tif"))):
+        with tarfile.open(tmp_path / name, "w:gz") as archive:
+            for member in members:
+                archive.add(plain, member)
+    monkeypatch.chdir(tmp_path)
+    for name in (
+        "zip://one.zip!tiles/dem.tif",
+        "zip://one.zip!/tiles/dem.tif",
+        "one.tar.gz",
+        "tar://two.tgz!b.tif",
+    ):
+        assert np.array_equal(load_dem([Path(name)]).z_m, ramp), name
+    said = refused("dem", "info", "two.tgz")
+    assert "holds 2 files" in said
+    assert "--dem '/vsitar/two.tgz/b.tif'" in said
 
 
 def test_a_packed_tile_of_srtm_knows_its_place_by_its_name(tmp_path):

@@ -273,6 +273,25 @@ def test_an_envi_file_says_how_long_it_should_be(tmp_path, refused):
     assert "30 x 40 cells take 2400 bytes, it has 2398" in refused("dem", "info", path)
 
 
+VRT = """<VRTDataset rasterXSize="40" rasterYSize="30"><SRS>EPSG:32610</SRS>
+<GeoTransform>500000, 30, 0, 4000000, 0, -30</GeoTransform>{band}</VRTDataset>"""
+VRT_SOURCE = """<VRTRasterBand dataType="Int16" band="1"><SimpleSource>
+<SourceFilename relativeToVRT="1">dem.img</SourceFilename><SourceBand>1</SourceBand></SimpleSource></VRTRasterBand>"""
+VRT_ARRAY = """<VRTRasterBand dataType="Int16" band="1" subClass="VRTRawRasterBand">
+<SourceFilename relativeToVRT="1">dem.img</SourceFilename><ImageOffset>0</ImageOffset><PixelOffset>2</PixelOffset>
+<LineOffset>80</LineOffset><ByteOrder>LSB</ByteOrder></VRTRasterBand>"""
+
+
+@pytest.mark.parametrize("band", [VRT_SOURCE, VRT_ARRAY], ids=["a raster", "an array"])
+def test_a_vrt_of_a_file_that_is_cut_short_is_refused(tmp_path, refused, band):
+    source = written(tmp_path, "ENVI", "dem.img", "int16")
+    vrt = tmp_path / "dem.vrt"
+    vrt.write_text(VRT.format(band=band))
+    assert load_dem([vrt]).z_m[-1, -1] == HILLS[-1, -1]
+    source.write_bytes(source.read_bytes()[:-2])
+    assert "30 x 40 cells take 2400 bytes, it has 2398" in refused("dem", "info", vrt)
+
+
 def test_a_packed_file_that_is_cut_short_is_refused(tmp_path, refused):
     whole = gzip.compress(np.full((1201, 1201), 500, ">i2").tobytes())
     path = tmp_path / "N44W072.hgt.gz"

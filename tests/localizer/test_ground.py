@@ -90,7 +90,9 @@ def test_an_ellipse_keeps_its_axes_on_the_ground_and_finds_back(name, major, sha
     got = ellipse(((ee, en), (ne, nn)))
     assert (got.major_m, got.minor_m) == pytest.approx((major, share * major), rel=1e-6)
     assert here.true_covariance(of_ground) == pytest.approx(of_true, rel=1e-9, abs=1e-9 * major**2)
-    assert here.map_covariance(of_ground) == pytest.approx(here.to_map @ of_true @ here.to_map.T, rel=1e-9)
+    assert here.map_covariance(of_ground) == pytest.approx(
+        here.to_map @ of_true @ here.to_map.T, rel=1e-9, abs=1e-9 * major**2
+    )
 
 
 # ---- what is told of a DEM in such a map

@@ -85,6 +85,23 @@ def test_a_geoid_offset_that_no_place_has_is_refused(write_raster, refused, offs
     assert "--geoid-offset" in refused("dem", "info", write_raster(HILLS), "--geoid-offset", offset)
 
 
+def test_a_geoid_offset_that_the_file_contradicts_is_noted(write_raster, run):
+    path = write_raster(HILLS, crs="EPSG:26911+5703")
+    status, out, _ = run("dem", "info", path, "--geoid-offset", "-33.5")
+    assert status == 0
+    assert (
+        "says that its elevations are NAVD88 height, which counts from the sea; --geoid-offset moves them by +33.5 m"
+        in out
+    )
+
+
+def test_depths_are_no_elevations(write_raster, refused):
+    path = write_raster(-HILLS, crs="EPSG:32610+5715")
+    for options in ((), ("--vertical-unit", "m")):
+        assert "count downwards (MSL depth); say --scale -1" in refused("dem", "info", path, *options)
+    assert np.allclose(load_dem([path], scale=-1.0).z_m, HILLS)
+
+
 def test_a_library_s_geoid_offset_is_checked_too(write_raster):
     with pytest.raises(DemError, match="--geoid-offset"):
         load_dem([write_raster(HILLS)], geoid_offset_m=500.0)

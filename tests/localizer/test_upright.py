@@ -162,6 +162,15 @@ def test_cameras_of_10_and_12_bits_leave_no_black_picture(bits, colours):
     assert np.array_equal(decode_picture(content, 640, 480), eight)
 
 
+@pytest.mark.parametrize("stuck", [(240, 320), (0, slice(None))])
+def test_stuck_pixels_and_a_line_of_the_camera_s_own_leave_no_black_picture(stuck):
+    eight = scene()[:, :, 0]
+    deep = eight.astype(np.uint16) << 2
+    deep[stuck] = 0xFFFF
+    found = decode_picture(cv2.imencode(".png", deep)[1].tobytes(), 640, 480)[:, :, 0]
+    assert np.array_equal(found[1:-1, :300], eight[1:-1, :300])
+
+
 def test_a_black_picture_of_16_bits_stays_black():
     content = cv2.imencode(".png", np.zeros((12, 16), np.uint16))[1].tobytes()
     assert not decode_picture(content, 16, 12).any()

@@ -114,6 +114,21 @@ def test_headings_that_must_not_be_trusted(body, problem):
         heading(sealed(body))
 
 
+@pytest.mark.parametrize(
+    ("body", "variation_deg"),
+    [
+        ("HCHDG,98.3,0.0,,0.0,", None),
+        ("HCHDG,98.3,,,12.6,", None),
+        ("HCHDG,98.3,0.0,,12.6,E", 12.6),
+        ("HCHDG,98.3,180.0,E,12.6,W", -12.6),
+        ("HCHDG,98.3,999.9,E,999.9,E", None),
+    ],
+)
+def test_a_filler_beside_a_heading_leaves_the_heading_as_it_is(body, variation_deg):
+    found = heading(sealed(body))
+    assert (found.heading_deg, found.deviation_deg, found.variation_deg) == (98.3, 0.0, variation_deg)
+
+
 @pytest.mark.parametrize("body", ["GPGGA,1,2,3", "WIMDA,29.3,I", "PTNTHTM,14223,N,169,N", "HCXHDT,1", ""])
 def test_other_sentences_are_no_heading(body):
     assert heading(sealed(body)) is None

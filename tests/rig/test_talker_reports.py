@@ -94,6 +94,7 @@ class TestCompass:
             b"$HCHDM,237.5,M*2A\r\x00\n" * 3,
             b"$HCHDM,237.5,M*2A\xff\r\n" * 3,
             b"$HCHDM,237.5,M*2a \t\r\n" * 3,
+            b"$HCHDM,237.5,M*2A\x03\r\n$HCHDM,237.5,M*2A\x0c\r\n" * 3,
             b"\\g:1-2-73874,n:157036,s:r003669945,c:1241544035*4A\\$HCHDM,237.5,M*2A\r\n" * 3,
         ],
     )
@@ -159,6 +160,15 @@ class TestCompass:
             hear(nmea_compass, reported("n01"))
         assert headings(hear(nmea_compass, reported("n01"), require_checksum=False)) == [237.5, 237.5]
 
+    def test_a_star_without_a_checksum_is_none(self, hear: Callable[..., Any]) -> None:
+        data = b"$HCHDM,237.5,M*\r\n"
+        with pytest.raises(TransientError, match="ends without one"):
+            hear(nmea_compass, data)
+        assert headings(hear(nmea_compass, data, require_checksum=False)) == [237.5]
+        with collecting() as faults:
+            assert headings(hear(nmea_compass, sealed("HCHDM,1.0,M") + data, require_checksum=False)) == [1.0]
+        assert [note.problem for note in faults.all()] == ["sent a damaged line"]
+
     def test_without_checksums_a_sentence_has_to_be_complete(self, hear: Callable[..., Any]) -> None:
         cut = b"$HCHDM,23\r\n$HCHDM,237.5\r\n$HCHDM,237.5,\r\n$HCHDG,237.5,,\r\n$HCHDM,237.6,M\r\n"
         assert headings(hear(nmea_compass, cut, require_checksum=False)) == [237.6]
@@ -205,6 +215,7 @@ class TestCompass:
             (b"85.9,-0.9,0.8\r\n" * 3, "plain numbers: b'85.9,-0.9,0.8'"),
             (b'{"heading": 85.9}\r\n', "JSON"),
             (b"Heading 85.9 deg\r\n" * 3, "text that is no NMEA: b'Heading 85.9 deg'"),
+            ("Kurs 85.9° magnetisch\r\n".encode() * 3, "text that is no NMEA"),
             (b"\x01P\x021 1009.18 ***.* * 1009.2 1009.2 1009.2 000\x03D6\r\n", "Vaisala PA50"),
             (
                 b"$\xc8C\xc8D\xcd,\xb237.5,\xcd\xaa2A\x8d\n" * 3,
@@ -261,6 +272,13 @@ class TestBarometer:
             ("WIXDR,P,9999.9,H,PTB#0,P,968.7,H,PTB#1", 968.7),
             ("YXXDR,P,0.9687,B", 968.7),
             ("WIXDR,C,21.0,C,TEMP,G,1,,X,P,96870,P,AIRP", 968.7),
+            ("WIXDR,P,1.0248,B,QNH,P,0.9687,B,QFE", 968.7),
+            ("WIXDR,P,1.0248,B,SeaLevelPressure,P,0.9687,B,StationPressure", 968.7),
+            ("WIXDR,P,1024.8,H,PRES_SEA,P,968.7,H,1", 968.7),
+            ("WIXDR,P,968.7,hPa,Barometer", 968.7),
+            ("WIXDR,P,96.87,kPa,Barometer", 968.7),
+            ("WIXDR,P,726.58,mmHg,Barometer", 968.694),
+            ("WIXDR,P,28.606,I,Barometer", 968.71),
         ],
     )
     def test_the_first_plausible_one_that_is_the_air_s(
@@ -279,6 +297,15 @@ class TestBarometer:
     def test_machines_are_no_barometer(self, hear: Callable[..., Any]) -> None:
         with pytest.raises(TransientError, match="set the instrument to send"):
             hear(nmea_barometer, sealed("ERXDR,P,100300,P,ENGINEOIL#0"))
+
+    @pytest.mark.parametrize(
+        "name", ["QNH", "QFF", "MSLP", "SeaLevelPressure", "PRES_SEA", "RelativePressure"]
+    )
+    def test_a_pressure_of_sea_level_says_no_altitude(self, hear: Callable[..., Any], name: str) -> None:
+        body = f"WIXDR,P,1.0248,B,{name}"
+        with pytest.raises(TransientError, match="reduced to sea level"):
+            hear(nmea_barometer, sealed(body))
+        assert air(hear(nmea_barometer, sealed(body), transducer=name)) == [1024.8]
 
     @pytest.mark.parametrize(
         ("body", "said", "pressure_hpa"),
@@ -306,7 +333,11 @@ class TestBarometer:
         assert air(hear(nmea_barometer, reported("b05"))) == [1013.25]
 
     @pytest.mark.parametrize(
-        "body", ["IIXDR,P,300,B,FUELRAIL", "IIXDR,P,1013.25,B,X", "IIXDR,P,101.3,B,Barometer"]
+        "body",
+        [
+            *("IIXDR,P,300,B,FUELRAIL", "IIXDR,P,1013.25,B,X", "IIXDR,P,101.3,B,Barometer"),
+            *("IIXDR,P,760.1,,Barometer", "IIXDR,P,760.1,T,Barometer"),  # hPa at 2,400 m, or mmHg at the sea
+        ],
     )
     def test_a_unit_that_could_be_something_else_is_refused(
         self, hear: Callable[..., Any], body: str

@@ -80,10 +80,12 @@ def test_a_capture_with_no_heading_to_trust_is_refused(tmp_path: Path, quirk: st
 @pytest.mark.parametrize(
     "quirk",
     [
-        None
-        if quirk is None
-        else pytest.param(quirk, marks=[] if quirk == "two-decimals" else pytest.mark.long)
-        for quirk in (None, *BAROMETER_QUIRKS)
+        "two-decimals",
+        *(
+            pytest.param(quirk, marks=pytest.mark.long)
+            for quirk in (None, *BAROMETER_QUIRKS)
+            if quirk != "two-decimals"
+        ),
     ],
 )
 def test_the_altitude_by_a_talker_is_the_air_s(tmp_path: Path, quirk: str | None) -> None:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
 from localizer.fix import Fix, Status
-from localizer.ground import map_metres
+from localizer.ground import MapError, map_metres
 from localizer.track.report import TrackHypothesis
 from localizer.track.tracker import Mode
 from rig.daemon.board import (
@@ -230,7 +230,10 @@ def bundle_answer(answer: Answer) -> BundleAnswer:
 def latest_answer(answer: Answer, snapshot: Snapshot, valid_s: float, now: Instant) -> LatestAnswer:
     """One of the snapshot's answers, with its age."""
     moved, place = snapshot.moved, answer.fix.position
-    here = None if place is None else map_metres(place.crs, place.easting_m, place.northing_m)
+    try:
+        here = None if place is None else map_metres(place.crs, place.easting_m, place.northing_m)
+    except MapError:  # of an answer that another version has stored
+        here = None
     return LatestAnswer(
         **_answer_fields(answer),
         age_s=age_s(answer.captured, now),

@@ -213,3 +213,20 @@ def test_an_answer_that_this_version_cannot_read_is_no_obstacle(spool: Spool) ->
         db.execute("""UPDATE bundles SET answer = '{"fix": {"status": "fix"}}'""")
     assert spool.latest() == (None, None)
     assert restarted(spool).snapshot().last is None
+
+
+@pytest.mark.parametrize("crs", ["nonsense", "EPSG:999999", "PROJCS[" * 3000, '{"type":' * 3000])
+def test_an_answer_on_a_map_that_is_not_known_here_is_told_without_the_map(spool: Spool, crs: str) -> None:
+    """Another version of PROJ may have known it, or somebody has edited the index."""
+    bundle = stored(spool, 1)
+    with spool._transaction() as db:
+        db.execute("UPDATE bundles SET answer = json_set(answer, '$.fix.position.crs', ?)", (crs,))
+    client = client_of(restarted(spool), spool)
+    for path, found in (
+        ("/fix", client.get("/fix").json()),
+        ("/status", client.get("/status").json()["last"]),
+    ):
+        assert found["bundle"] == bundle, path
+        assert found["map_from_ground"] is None
+        assert found["convergence_deg"] is None
+        assert not found["current"]
