@@ -230,7 +230,9 @@ class Spool:
         None where there is none, or one that this version cannot read.
         """
         found = []
-        for wanted in ("", "AND json_extract(answer, '$.fix.status') = 'fix' "):
+        # json_extract fails the whole query where a row is damaged
+        status = "CASE WHEN json_valid(answer) THEN json_extract(answer, '$.fix.status') END"
+        for wanted in ("", f"AND {status} = 'fix' "):
             rows = self._read(
                 f"SELECT answer, boot FROM bundles WHERE answer IS NOT NULL {wanted}ORDER BY number DESC LIMIT 1"
             )
