@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from localizer.bundle import Bundle
 from localizer.crs import wrapped_lon_deg
@@ -54,6 +55,8 @@ def _rounded(place: Place) -> list[float]:
 
 def _ellipse(place: Place, dem: Dem) -> dict[str, Any]:
     lon_deg, lat_deg = ellipse_ring_lonlat(place, dem)
+    if (around_pole := _around_pole(lon_deg, lat_deg)) is not None:
+        return {"type": "Polygon", "coordinates": [around_pole]}
     # in one piece around the place, wherever the longitudes leap
     lon_deg = place.lon_deg + (lon_deg - place.lon_deg + 180.0) % 360.0 - 180.0
     ring = list(zip(lon_deg.tolist(), lat_deg.tolist(), strict=True))
@@ -64,6 +67,20 @@ def _ellipse(place: Place, dem: Dem) -> dict[str, Any]:
     if len(parts) < 2:
         return {"type": "Polygon", "coordinates": parts or [_closed(ring)]}
     return {"type": "MultiPolygon", "coordinates": [[part] for part in parts]}
+
+
+def _around_pole(lon_deg: NDArray[np.float64], lat_deg: NDArray[np.float64]) -> list[list[float]] | None:
+    """A ring that holds a pole as that which it is on a map of longitudes: all of it up, or down, to 90 degrees; else None."""
+    steps = (np.diff(lon_deg, append=lon_deg[:1]) + 180.0) % 360.0 - 180.0
+    if abs(steps.sum()) < 180.0:
+        return None
+    order = np.argsort(lon_deg)
+    lon, lat = lon_deg[order], lat_deg[order]
+    edge = float(np.interp(180.0, [lon[-1], lon[0] + 360.0], [lat[-1], lat[0]]))
+    line = [(-180.0, edge), *zip(lon.tolist(), lat.tolist(), strict=True), (180.0, edge)]
+    pole = float(np.copysign(90.0, lat[0]))
+    ring = [*line, (180.0, pole), (-180.0, pole)]
+    return _closed(ring if pole > 0.0 else ring[::-1])  # counter-clockwise
 
 
 def _has_area(ring: list[list[float]]) -> bool:

@@ -5,7 +5,7 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import replace
-from datetime import datetime
+from datetime import UTC, datetime
 
 import structlog
 
@@ -192,8 +192,9 @@ def restore(board: Board, spool: Spool) -> None:
     if known is not None and not known.before_start:
         return
     last, last_fix = (answer and restored(*answer) for answer in spool.latest())
-    if last is not None:
-        board.restore(last, last_fix)
+    newest = last or last_fix  # the newest bundle's may be one that cannot be read
+    if newest is not None:
+        board.restore(newest, last_fix)
 
 
 def vehicle_heading_deg(found: Found) -> tuple[float, float] | None:
@@ -215,7 +216,7 @@ def moment_of(standing: Standing, boot: str | None) -> Instant:
 
 def _age_s(utc: datetime) -> float:
     """By the wall clock: all that there is for another run of the computer, and nothing that makes a fix current."""
-    age_s = (utc_now() - utc).total_seconds()
+    age_s = (utc_now() - (utc if utc.tzinfo else utc.replace(tzinfo=UTC))).total_seconds()
     return age_s if age_s > 0.0 else LONG_AGO_S
 
 

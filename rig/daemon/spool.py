@@ -257,6 +257,7 @@ class Spool:
         None where there is none, or one that this version cannot read.
         """
         found = []
+        # json_extract fails the whole query where a row is damaged
         status = "CASE WHEN json_valid(answer) THEN json_extract(answer, '$.fix.status') END"
         for wanted in ("", f"AND {status} = 'fix' "):
             rows = self._read(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from localizer.search.contest import _weight
-from localizer.search.decide import answered_with, decide, nowhere, objection
+from localizer.search.decide import answered_with, decide, log_mass, nowhere, objection
 from localizer.search.error_model import ErrorModel
 from localizer.search.reasons import no_skyline
 from localizer.search.refine import Refined
@@ -38,7 +38,7 @@ def place(row: float = 100.0, **changes: object) -> Refined:
 
 
 def decision(*places: Refined, elsewhere: float = 0.0):
-    return decide(places, places, CELL_M, elsewhere)
+    return decide([log_mass(one, CELL_M) for one in places], places, CELL_M, elsewhere)
 
 
 def test_one_place_that_explains_what_is_seen_is_a_fix_without_a_reason():

@@ -230,6 +230,25 @@ def test_an_ellipse_over_the_date_line_is_cut_there(bundle_dir, name, col):
     assert whole * per_degree_m[0] * per_degree_m[1] == pytest.approx(expected_m2, rel=0.02)
 
 
+@pytest.mark.parametrize("epsg", [3413, 3031])
+@pytest.mark.parametrize("col", [29.5, 31.0])
+def test_an_ellipse_around_a_pole_reaches_up_to_it_at_all_longitudes(bundle_dir, epsg, col):
+    dem = dem_from_array(
+        np.full((ROWS, COLS), 900.0), Affine(30.0, 0.0, -900.0, 0.0, -30.0, 600.0), CRS.from_epsg(epsg)
+    )
+    _, files = exported(dem, bundle_dir, col)
+    point, polygon = json.loads(files["candidates.geojson"])["features"]
+    (ring,) = rings_of(polygon["geometry"])
+    lon, lat = np.array(ring).T
+    assert (lon.min(), lon.max()) == (-180.0, 180.0)
+    assert ring[0] == ring[-1]
+    assert area(ring) > 0.0
+    pole = 90.0 if epsg == 3413 else -90.0
+    assert sorted(lon[lat == pole].tolist())[-1] == 180.0
+    assert np.abs(lat - pole).max() * 111_690.0 < 2.5 * 30.0 + 30.0 * abs(col - 29.5) + 5.0
+    assert abs(point["geometry"]["coordinates"][1]) <= 90.0
+
+
 @pytest.mark.parametrize("name", ["0..360", "-540..-180", "across 180, the west first"])
 def test_waypoints_and_placemarks_lie_within_what_their_schemas_allow(bundle_dir, name):
     found, files = exported(lattice(name), bundle_dir, 31.0)

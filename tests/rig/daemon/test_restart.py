@@ -230,3 +230,26 @@ def test_an_answer_on_a_map_that_is_not_known_here_is_told_without_the_map(spool
         assert found["map_from_ground"] is None
         assert found["convergence_deg"] is None
         assert not found["current"]
+
+
+@pytest.mark.parametrize("damaged", ["", "{", "[" * 9999, "null", '{"fix": {"status": "fi'])
+def test_a_damaged_answer_does_not_hide_the_fix_before_it(spool: Spool, damaged: str) -> None:
+    good, bad = stored(spool, 1), stored(spool, 2)
+    with spool._transaction() as db:
+        db.execute("UPDATE bundles SET answer = ? WHERE bundle = ?", (damaged, bad))
+    _, last_fix = spool.latest()
+    assert last_fix is not None
+    assert last_fix[0].bundle == good
+    shown = restarted(spool).snapshot()
+    assert shown.last_fix is not None
+    assert shown.last_fix.bundle == good
+    assert shown.last_fix.before_start
+
+
+def test_a_time_without_a_zone_does_not_keep_the_daemon_from_starting(spool: Spool) -> None:
+    bundle = stored(spool, 1, boot="another boot")
+    with spool._transaction() as db:
+        db.execute("UPDATE bundles SET answer = json_set(answer, '$.captured.utc', '2026-11-23T04:31:51')")
+    last = restarted(spool).snapshot().last
+    assert last is not None
+    assert last.bundle == bundle
