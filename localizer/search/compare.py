@@ -1,9 +1,10 @@
 """Places compared on the same terms: by the same columns, from the same starts, each under its own errors."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from localizer.horizon.from_terrain import Terrain
 from localizer.search.decide import log_mass
@@ -11,29 +12,44 @@ from localizer.search.nearby import Problems, again, problems_of, sees_rim
 from localizer.search.noise import Noise
 from localizer.search.problem import Problem
 from localizer.search.refine import Refined
+from localizer.search.residuals import evaluate, residual_sigma
+from localizer.search.stray import telling_columns
+
+Floats = NDArray[np.float64]
 
 COMPARISONS = 2
 """How often each rival is fitted from where the others were fitted."""
 DECIDED_NATS = 15.0
 """A place that is ahead by this much needs no further comparison."""
+EXPLAINS_SIGMAS, GROSS_SIGMAS, GROSS_RAD, MOST_OF_IT = 3.0, 6.0, np.radians(1.0), 0.7
+"""A stretch is explained, or missed by far, by its median in standard deviations and by angle, if so much of it is terrain."""
+PARTS = 3
+"""Of a stretch of BLOCK_RAD: a summit is narrower."""
+GROSS_NATS = 10.0
+"""What it costs to miss BLOCK_RAD by far that another place explains."""
 
 
-def compared_alike(
-    problems: Problems, places: Sequence[Refined], largest: float
-) -> list[tuple[Refined, Refined]]:
-    """The places, the likeliest first, each behind its fit with the columns that all of them are compared by.
+@dataclass(frozen=True)
+class Compared:
+    """A place with the logarithm of its probability but for a constant."""
+
+    place: Refined
+    log_mass: float
+
+
+def compared_alike(problems: Problems, places: Sequence[Refined], largest: float) -> list[Compared]:
+    """The places, the likeliest first, by fits of each with the same columns.
 
     Where the likelihood has several peaks close to each other, which of them a fit ends at is chance. So each place is also
     fitted from where the others lie in their cells and under their errors, and its likeliest fit counts. Where the DEM ends,
     the horizon is its last terrain or something behind it, whichever is likelier: no place pays for lying near the end.
     """
-    cell_m = problems.full.terrain.cell_m
+    starts = [(place, noise_for(problems.middle.stride, place)) for place in places]
 
     def mass(fit: Refined) -> float:
-        return log_mass(fit, cell_m)
+        return log_mass(fit, problems.full.terrain.cell_m)
 
     best = list(places)
-    starts = [(place, noise_for(problems.middle.stride, place)) for place in places]
     by_columns = _with_and_without_rim(problems, places)
     for _ in range(COMPARISONS):
         masses = sorted(map(mass, best), reverse=True)
@@ -51,8 +67,41 @@ def compared_alike(
             for place in places
         ]
         starts = [(fit, noise_for(1.0, fit)) for fit in best]
-    pairs = list(zip(best, places, strict=True))
-    return sorted(pairs, key=lambda pair: (-mass(pair[0]), pair[1].row, pair[1].col))
+    gross = _gross_stretches(problems.middle, best)
+    compared = [
+        Compared(place, mass(fit) - GROSS_NATS * float(stretches))
+        for place, fit, stretches in zip(places, best, gross, strict=True)
+    ]
+    return sorted(compared, key=lambda c: (-c.log_mass, c.place.row, c.place.col))
+
+
+def _gross_stretches(problem: Problem, fits: Sequence[Refined]) -> Floats:
+    """How many stretches of the horizon (k,) each place misses by far that another one explains, in stretches of BLOCK_RAD.
+
+    A stretch that shows a tree or a cloud is nobody's skyline. One that a place explains column by column is no accident, and
+    no error of the DEM is as large.
+    """
+    stretches = [part for block in problem.blocks for part in np.array_split(block, PARTS) if len(part)]
+    sigmas, off_rad = np.array([_middles(problem, stretches, fit) for fit in fits]).transpose(1, 0, 2)
+    with np.errstate(invalid="ignore"):
+        explained = (sigmas < EXPLAINS_SIGMAS).any(axis=0)
+        missed = (sigmas > GROSS_SIGMAS) & (off_rad > GROSS_RAD)
+    share = np.array([len(part) for part in stretches]) / problem.block_columns
+    return np.asarray((missed & explained) @ share)
+
+
+def _middles(problem: Problem, stretches: list[NDArray[np.int64]], fit: Refined) -> Floats:
+    """By how much the middle column of each stretch is off (2, n), in standard deviations and in radians.
+
+    NaN where few of its columns show terrain.
+    """
+    frame = problem.terrain.frames.at(fit.row, fit.col)[0]
+    here = evaluate(problem, fit.parameters(), (fit.row, fit.col), frame)
+    sigma = residual_sigma(problem, here, fit.dem_error_m)
+    telling = telling_columns(here, sigma)
+    off = np.abs([[np.median((here.residual / sigma)[s]), np.median(here.residual[s])] for s in stretches])
+    shown = np.array([telling[stretch].mean() > MOST_OF_IT for stretch in stretches])
+    return np.asarray(np.where(shown, off.T, np.nan))
 
 
 def _with_and_without_rim(problems: Problems, places: Sequence[Refined]) -> tuple[Problem, ...]:

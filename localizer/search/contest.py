@@ -72,7 +72,7 @@ def contest(
     best_of = [best_nearby(problems, rival, largest) for rival in rivals.fits]
     best_of = distinct(sorted(best_of, key=_by_misfit), SAME_PLACE_CELLS)
     compared = compared_alike(problems, best_of, largest)
-    winner = compared[0][1]
+    winner = compared[0].place
     missed = [cut.missed(winner.row, winner.col) for cut in cuts]
     left_out = [_weight(place, winner) for place in [*contenders.left_out, *rivals.left_out]]
     elsewhere = 1.0 - math.prod(1.0 - share for share in missed) + sum(left_out)
@@ -81,12 +81,7 @@ def contest(
         against = off_the_dem()
     if against is not None:
         return nowhere(against), None
-    decision = decide(
-        [alike for alike, _ in compared],
-        [best for _, best in compared],
-        terrain.cell_m,
-        elsewhere,
-    )
+    decision = decide([c.log_mass for c in compared], [c.place for c in compared], terrain.cell_m, elsewhere)
     return decision, decision.candidates[0]
 
 

@@ -80,16 +80,13 @@ def log_mass(compared: Refined, cell_m: float) -> float:
     return SHARPNESS * compared.log_odds + 0.5 * float(np.linalg.slogdet(wide_m2)[1])
 
 
-def decide(
-    compared: Sequence[Refined], places: Sequence[Refined], cell_m: float, elsewhere: float
-) -> Decision:
+def decide(masses: Sequence[float], places: Sequence[Refined], cell_m: float, elsewhere: float) -> Decision:
     """Probabilities of places, the likeliest first, and what they add up to.
 
-    ``compared``: fits of the ``places`` with the same columns. ``elsewhere``: the weight of what was not compared; that of the
-    likeliest place is 1.
+    ``masses``: their logarithms (``log_mass``). ``elsewhere``: the weight of what was not compared; that of the likeliest place
+    is 1.
     """
-    peak = np.array([log_mass(c, cell_m) for c in compared])
-    weight = np.exp(peak - peak.max())
+    weight = np.exp(np.array(masses) - max(masses))
     probability = weight / (weight.sum() + elsewhere)
     kept = [i for i in range(len(places)) if i == 0 or probability[i] >= NEGLIGIBLE]
     if probability[0] < CERTAIN:
