@@ -44,6 +44,8 @@ def compared_alike(problems: Problems, places: Sequence[Refined], largest: float
     fitted from where the others lie in their cells and under their errors, and its likeliest fit counts. Where the DEM ends,
     the horizon is its last terrain or something behind it, whichever is likelier: no place pays for lying near the end.
     """
+    if len(places) == 1:
+        return [Compared(places[0], 0.0)]
     starts = [(place, noise_for(problems.middle.stride, place)) for place in places]
 
     def mass(fit: Refined) -> float:
@@ -53,7 +55,7 @@ def compared_alike(problems: Problems, places: Sequence[Refined], largest: float
     by_columns = _with_and_without_rim(problems, places)
     for _ in range(COMPARISONS):
         masses = sorted(map(mass, best), reverse=True)
-        if len(masses) == 1 or masses[0] - masses[1] > DECIDED_NATS:
+        if masses[0] - masses[1] > DECIDED_NATS:
             break
         best = [
             max(
