@@ -20,7 +20,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path, PurePosixPath
 from typing import IO, Any, cast
 
-from localizer.bundle import FILE_NAME, MOST_FRAMES, Bundle, load_bundle
+from localizer.bundle import FILE_NAME, MOST_FRAMES, Bundle, BundleError, load_bundle
 from rig.atomic import sync
 from rig.bundle.limits import ArchiveError, Slices, Tally, checked_name, is_plain
 from rig.bundle.writer import LEAST_FREE_BYTES
@@ -69,6 +69,9 @@ def bundles_of_archive(
             yield from _bundles(path, expected, folder, stays, stray)
         except ArchiveError as error:
             raise ArchiveError(f"{path}: {error}") from error
+        except BundleError as error:
+            # The folder is gone when this is read.
+            raise BundleError(f"{path}: {str(error).removeprefix(f'{folder}/')}") from error
 
 
 def _bundles(

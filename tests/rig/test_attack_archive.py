@@ -66,7 +66,9 @@ def test_an_id_that_leads_elsewhere_is_none(
     """With the archive's folder named like it, and with one that is named properly."""
     for folder in (None, written.name):
         archive = write_archive_of(tmp_path / f"x{suffix}", with_sums(members_of(written, folder, id=bad_id)))
-        refused(archive, home)
+        assert refused(archive, home).startswith(f"{archive}: "), (
+            "not the folder of ours that is gone by then"
+        )
     assert not home.exists()
 
 
