@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from localizer.horizon.from_terrain import Terrain
 from localizer.search.decide import log_mass
-from localizer.search.nearby import Problems, again, problems_of, sees_rim
-from localizer.search.noise import Noise
+from localizer.search.nearby import Problems, again, noise_for, problems_of, sees_rim
 from localizer.search.problem import Problem
 from localizer.search.refine import Refined
 from localizer.search.residuals import evaluate, residual_sigma
@@ -122,8 +121,3 @@ def moved_to(place: Refined, other: Refined, terrain: Terrain) -> Refined:
     rise_m = float(terrain.dem.ground_m(row, col)) - float(terrain.dem.ground_m(other.row, other.col))
     altitude_m = other.altitude_m + rise_m if np.isfinite(rise_m) else place.altitude_m
     return replace(place, row=row, col=col, altitude_m=altitude_m)
-
-
-def noise_for(thinning: float, fit: Refined) -> Noise:
-    """The noise of a fit, for a problem with fewer columns by a factor."""
-    return Noise(fit.dem_error_m, max(1.0, fit.correlation_columns / thinning), fit.error_model)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from localizer.horizon.from_terrain import Terrain
 from localizer.observation import Observation
-from localizer.search.compare import compared_alike, moved_to, noise_for
+from localizer.search.compare import compared_alike, moved_to
 from localizer.search.contours import FrameContour
 from localizer.search.decide import SHARPNESS, Decision, decide, explains, nowhere, objection
 from localizer.search.nearby import (
@@ -22,6 +22,7 @@ from localizer.search.nearby import (
     again,
     best_nearby,
     distinct,
+    noise_for,
     problems_of,
 )
 from localizer.search.noise import usual_noise

@@ -180,6 +180,11 @@ def again(
     )
 
 
+def noise_for(thinning: float, fit: Refined) -> Noise:
+    """The noise of a fit, for a problem with fewer columns by a factor."""
+    return Noise(fit.dem_error_m, max(1.0, fit.correlation_columns / thinning), fit.error_model)
+
+
 def distinct(candidates: list[Refined], radius_cells: float) -> list[Refined]:
     """The first of each group of candidates that lie within ``radius_cells`` of each other."""
     kept: list[Refined] = []
@@ -252,7 +257,7 @@ def _weighed(
     off_m = off[:, ::-1] * np.array([terrain.dem.spacing_ew_m, -terrain.dem.spacing_ns_m])
     row, col = np.array([best.row, best.col]) + mean - place[0]
     moved = _moved(best, float(row), float(col), terrain)
-    noise = Noise(best.dem_error_m, max(1.0, best.correlation_columns / coarse.stride), best.error_model)
+    noise = noise_for(coarse.stride, best)
     # Where the noise is each column's own, few columns tell as much less; the DEM's is blunted anyway.
     fewer = len(coarse.sigma_rad) / len(problems.full.sigma_rad)
     here = again(coarse, moved, largest, noise=noise, iterations=SPREAD_ITERATIONS)
