@@ -207,7 +207,7 @@ def _json_place(keys: list[Any]) -> str:
 
 
 def _toml_place(keys: list[Any]) -> str:
-    """``[camera] distortion``, as ``rig.config_problems`` names it."""
+    """``[camera] distortion``, as ``rig.config.problems`` names it."""
     names = [key for key in keys if isinstance(key, str)]
     return f"[{'.'.join(names[:-1])}] {names[-1]}" if names[1:] else "".join(names)
 

@@ -1,10 +1,11 @@
 """The fix, ``skyfix.fix/1``: where the camera stood, how sure that is, and what the search did for it."""
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal, NamedTuple, Self
 
+import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
-from localizer.crs import wrapped_lon_deg
+from localizer.dem.crs import wrapped_lon_deg
 
 Probability = Annotated[float, Field(ge=0.0, le=1.0)]
 Status = Literal["fix", "ambiguous", "none"]
@@ -31,6 +32,11 @@ class Position(_Part):
     ground_m: float
     row: float
     col: float
+
+    @property
+    def easting_northing_m(self) -> tuple[float, float]:
+        """In ``crs``."""
+        return self.easting_m, self.northing_m
 
 
 class Candidate(_Part):
@@ -115,3 +121,29 @@ class Fix(_Part):
     def to_json(self) -> str:
         """The fix as one JSON object on one line."""
         return self.model_dump_json(by_alias=True)
+
+
+Covariance = tuple[tuple[float, float], tuple[float, float]]
+
+
+class EllipseAxes(NamedTuple):
+    """Of one standard deviation."""
+
+    major_m: float
+    minor_m: float
+    grid_azimuth_deg: float
+    """Of the major axis, 0 to 180."""
+
+
+def ellipse(covariance_m2: Covariance) -> EllipseAxes:
+    """The axes of the one-sigma ellipse."""
+    variances, axes = np.linalg.eigh(np.array(covariance_m2))
+    minor_m, major_m = np.sqrt(np.clip(variances, 0.0, None))
+    east, north = axes[:, 1]
+    return EllipseAxes(float(major_m), float(minor_m), float(np.degrees(np.arctan2(east, north)) % 180.0))
+
+
+def lat_lon(position: Position) -> str:
+    """As ``46.19901° N  122.19203° W``: five decimals are a metre."""
+    north, east = "N" if position.lat_deg >= 0.0 else "S", "E" if position.lon_deg >= 0.0 else "W"
+    return f"{abs(position.lat_deg):.5f}° {north}  {abs(position.lon_deg):.5f}° {east}"

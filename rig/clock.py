@@ -10,6 +10,7 @@ step this clock but not the computer's; a file that is absent or not a number ad
 
 import os
 import time
+from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -72,3 +73,17 @@ def problem(now: datetime | None = None) -> str | None:
     if PLAUSIBLE[0] <= utc < PLAUSIBLE[1]:
         return None
     return f"the computer's clock says {utc:%Y-%m-%d %H:%M} UTC"
+
+
+@dataclass(frozen=True)
+class Instant:
+    """A moment on both clocks: ``time.monotonic`` in seconds, and UTC (``rig.clock``)."""
+
+    monotonic_s: float
+    utc: datetime
+
+    @classmethod
+    def now(cls) -> "Instant":
+        """This moment."""
+        monotonic_s = time.monotonic()
+        return cls(monotonic_s, utc_at(monotonic_s))

@@ -2,7 +2,7 @@
 
 Drivers raise ``DeviceError`` or one of its subclasses and nothing else; what the operating system or a
 library raises is turned into one where it happens. Only a ``TransientError`` is worth another try, and only
-``rig.bus.retry`` tries again.
+``rig.devices.bus.retry`` tries again.
 """
 
 from localizer.errors import SkyfixError

@@ -11,8 +11,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from rig.readings import Instant
-from rig.telemetry import feed
+from rig import feed
+from rig.clock import Instant
 
 _log = logging.getLogger(__name__)
 

@@ -13,9 +13,9 @@ import pytest
 from click.shell_completion import ShellComplete
 from click.testing import CliRunner
 
-from localizer.cli import localizer
-from rig.cli import rig
-from sim.cli import sim
+from localizer.commands.cli import localizer
+from rig.commands.cli import rig
+from sim.commands.cli import sim
 
 PROGRAMS = {"rig": rig, "localizer": localizer, "sim": sim}
 

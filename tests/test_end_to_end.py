@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 
 from localizer.bundle import load_bundle
 from localizer.fix import Fix
-from sim.command import find_command
-from sim.demo import judge
-from sim.launcher import SimulatedRig, simulated_rig
-from sim.options import EMBEDDED_DEM
-from sim.scenario import Scenario
-from sim.world import World
+from sim.commands.demo import judge
+from sim.commands.options import EMBEDDED_DEM
+from sim.launch.child_command import find_command
+from sim.launch.launcher import SimulatedRig, simulated_rig
+from sim.world.scenario import Scenario
+from sim.world.truth import World
 
 CELL_M = 30.0
 BAD_INPUT, NOWHERE, INTERRUPTED = 2, 4, 130
@@ -269,7 +269,7 @@ class TestSimRun:
         call("sim", "run", "--scenario", scenario, "--", "true").assert_one_line("servo.backlsah_deg")
 
     def test_the_command_has_the_configuration_and_its_status_is_returned(self) -> None:
-        check = "import os, rig.config as c; c.load_config(c.config_path(None)); os._exit(7)"
+        check = "import os, rig.config.load as c; c.load_config(c.config_path(None)); os._exit(7)"
         assert call("sim", "run", "--seed", "3", "--", sys.executable, "-c", check).status == 7
 
 

@@ -12,12 +12,12 @@ OWN = {
     "localizer/predict/lens.py": "a camera whose fields the reader has read",
     "localizer/track/odometry.py": "text of the reader",
     "rig/daemon/http/map.py": "what its own process has drawn",
-    "rig/daemon/search_worker.py": "what the daemon asks its own process",
-    "rig/daemon/search_process.py": "what its own process answers",
-    "rig/daemon/odometry.py": "the state that it has stored itself",
-    "rig/capture_command.py": "a fix of its own",
-    "sim/demo.py": "a fix of its own, and what its own command prints",
-    "sim/rigs.py": "what its own command prints",
+    "rig/daemon/search/worker.py": "what the daemon asks its own process",
+    "rig/daemon/search/process.py": "what its own process answers",
+    "rig/daemon/odometry/receiver.py": "the state that it has stored itself",
+    "rig/commands/capture.py": "a fix of its own",
+    "sim/commands/demo.py": "a fix of its own, and what its own command prints",
+    "sim/rigs/rigs.py": "what its own command prints",
     "sim/evaluate/table.py": "its own settings",
 }
 """Files that parse what does not come from outside, and what that is."""

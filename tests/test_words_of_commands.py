@@ -11,11 +11,11 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from localizer.cli import localizer
-from localizer.command_line import NumbersCommand, run, take_negative_numbers
-from localizer.streams import write_whatever_comes
-from rig.cli import rig
-from sim.cli import sim
+from localizer.commands.cli import localizer
+from localizer.commands.command_line import NumbersCommand, run, take_negative_numbers
+from localizer.commands.streams import write_whatever_comes
+from rig.commands.cli import rig
+from sim.commands.cli import sim
 
 PROGRAMS = {"rig": rig, "localizer": localizer, "sim": sim}
 ROOT = Path(__file__).parents[1]
@@ -80,7 +80,7 @@ def test_no_traceback_with_an_ascii_terminal(words: tuple[str, ...]) -> None:
 
 
 def test_a_reader_that_has_enough_is_no_error() -> None:
-    many = "import click, sys\nfrom localizer.command_line import run\n"
+    many = "import click, sys\nfrom localizer.commands.command_line import run\n"
     many += "run(click.Command('many', callback=lambda: [click.echo('x' * 9000) for _ in range(99)] and None), 'many')"
     for shell in ("| head -1", "2>&1 | head -1"):
         done = ran(sys.executable, "-c", f'"{many}"', shell=shell)
@@ -91,7 +91,7 @@ def test_a_reader_that_has_enough_is_no_error() -> None:
 
 
 def test_a_question_that_nobody_answers_is_no_interruption() -> None:
-    ask = "import click\nfrom localizer.command_line import run\n"
+    ask = "import click\nfrom localizer.commands.command_line import run\n"
     ask += "run(click.Command('ask', callback=lambda: click.confirm('Sure?')), 'ask')"
     done = subprocess.run(
         [sys.executable, "-c", ask], stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from localizer.horizon.from_terrain import Terrain
+from localizer.dem.horizon import Terrain
 from localizer.predict.views import Standpoint, View, along
 
 Floats = NDArray[np.float64]

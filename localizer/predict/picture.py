@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import NDArray
 
-from localizer.horizon.from_terrain import Terrain
+from localizer.dem.horizon import Terrain
 from localizer.predict.depth import panorama
 from localizer.predict.lens import Pointed
 from localizer.predict.text import name_of

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
-from localizer.dem import Dem
+from localizer.dem.geodesy import after, bounds_deg, lonlat_to_rowcol, rowcol_to_lonlat
+from localizer.dem.horizon import NEAR_CELLS, Terrain, at_rim, horizon
+from localizer.dem.lattice import Dem
 from localizer.errors import SkyfixError
-from localizer.geodesy import after, bounds_deg, lonlat_to_rowcol, rowcol_to_lonlat
-from localizer.horizon.from_terrain import NEAR_CELLS, Terrain, at_rim, horizon
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

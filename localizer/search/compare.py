@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from localizer.horizon.from_terrain import Terrain
+from localizer.dem.horizon import Terrain
 from localizer.search.decide import log_mass
-from localizer.search.nearby import Problems, again, noise_for, problems_of, sees_rim
-from localizer.search.problem import Problem
-from localizer.search.refine import Refined
-from localizer.search.residuals import evaluate, residual_sigma
-from localizer.search.stray import telling_columns
+from localizer.search.fit.local_optima import Problems, again, noise_for, problems_of, sees_rim
+from localizer.search.fit.outliers import telling_columns
+from localizer.search.fit.problem import Problem
+from localizer.search.fit.refine import Refined
+from localizer.search.fit.residuals import evaluate, residual_sigma
 
 Floats = NDArray[np.float64]
 

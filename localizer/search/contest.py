@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from localizer.horizon.from_terrain import Terrain
+from localizer.dem.horizon import Terrain
 from localizer.observation import Observation
 from localizer.search.compare import compared_alike, moved_to
 from localizer.search.contours import FrameContour
 from localizer.search.decide import SHARPNESS, Decision, decide, explains, nowhere, objection
-from localizer.search.nearby import (
+from localizer.search.fit.local_optima import (
     SAME_PLACE_CELLS,
     Problems,
     again,
@@ -25,10 +25,10 @@ from localizer.search.nearby import (
     noise_for,
     problems_of,
 )
-from localizer.search.noise import usual_noise
-from localizer.search.problem import BLOCK_RAD
+from localizer.search.fit.noise import usual_noise
+from localizer.search.fit.problem import BLOCK_RAD
+from localizer.search.fit.refine import Refined, refine
 from localizer.search.reasons import off_the_dem
-from localizer.search.refine import Refined, refine
 from localizer.search.rounds import Cut, Ranked
 from localizer.search.stage2 import apart
 

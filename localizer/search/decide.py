@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from localizer.fix import Reason, Status
+from localizer.search.fit.refine import Refined
 from localizer.search.reasons import (
     contradicted,
     fits_nowhere,
@@ -20,7 +21,6 @@ from localizer.search.reasons import (
     weak_evidence,
     wide_place,
 )
-from localizer.search.refine import Refined
 
 CERTAIN = 0.99
 """Posterior probability from which one place stands out."""

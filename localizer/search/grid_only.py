@@ -6,7 +6,7 @@ Kept beside the refined search so that what the refinement adds can be seen; not
 import numpy as np
 from numpy.typing import NDArray
 
-from localizer.horizon.from_terrain import Terrain, horizon_tangents
+from localizer.dem.horizon import Terrain, horizon_tangents
 from localizer.observation import Observation
 from localizer.search.contours import BINS, STEP_DEG, frame_contour, measured_skyline
 from localizer.search.stage1 import heading_offsets_deg

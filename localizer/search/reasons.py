@@ -1,7 +1,7 @@
 """Why a search did not come to a fix, in one sentence that says what would help."""
 
 from localizer.fix import Reason
-from localizer.search.refine import Refined
+from localizer.search.fit.refine import Refined
 
 LITTLE_SKYLINE_DEG = 40.0
 """Less of it tells one place from all others in a small DEM only."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from localizer.horizon.from_terrain import Terrain
+from localizer.dem.horizon import Terrain
 from localizer.observation import Observation
 from localizer.search.contours import STEP_DEG, MeasuredSkyline
 from localizer.search.stage2 import Scored, search_stage2

@@ -16,7 +16,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from localizer.horizon.from_terrain import VOID_M, Heights, Terrain
+from localizer.dem.horizon import VOID_M, Heights, Terrain
 from localizer.jit import kernel
 from localizer.search.contours import BINS, STEP_DEG, MeasuredSkyline
 

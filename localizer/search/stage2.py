@@ -11,7 +11,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from localizer.horizon.from_terrain import Heights, Terrain, ray_horizon
+from localizer.dem.horizon import Heights, Terrain, ray_horizon
 from localizer.jit import kernel
 from localizer.search.contours import BINS, STEP_DEG, MeasuredSkyline
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 from pyproj import Geod
 
-from localizer.crs import wrapped_lon_deg
+from localizer.dem.crs import wrapped_lon_deg
 
 Floats = NDArray[np.float64]
 Matrix = tuple[tuple[float, float], tuple[float, float]]

@@ -16,21 +16,22 @@ from typing import Literal, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from localizer.answer import Located, fix_of
 from localizer.bundle import Bundle
-from localizer.contradiction import Settled, settle_frames
+from localizer.dem.geodesy import lonlat_to_rowcol, rowcol_to_lonlat
+from localizer.dem.horizon import Terrain
 from localizer.documents import DocumentError, json_text
-from localizer.doubts import altitude_as_trusted, without_altimeter
 from localizer.errors import SkyfixError
 from localizer.fix import Fix
-from localizer.geodesy import lonlat_to_rowcol, rowcol_to_lonlat
-from localizer.horizon.from_terrain import Terrain
-from localizer.locate import locate, observe
 from localizer.observation import Observation, PriorCircle
+from localizer.search.answer import Located, fix_of
+from localizer.search.contradiction import Settled, settle_frames
 from localizer.search.decide import CERTAIN, CERTAIN_EVIDENCE, NEGLIGIBLE, WIDEST_FIX_CELLS, Decision, nowhere
-from localizer.search.nearby import SAME_PLACE_CELLS
+from localizer.search.doubts import altitude_as_trusted, without_altimeter
+from localizer.search.fit.local_optima import SAME_PLACE_CELLS
+from localizer.search.fit.refine import Refined
+from localizer.search.locate import locate, observe
 from localizer.search.reasons import off_the_way, several_places
-from localizer.search.refine import Refined
+from localizer.skyline.upright import frame_skyline
 from localizer.track.mixture import (
     Hypothesis,
     Look,
@@ -44,7 +45,6 @@ from localizer.track.mixture import (
 )
 from localizer.track.odometry import Movement
 from localizer.track.places import GEOD, Place, place
-from localizer.upright import frame_skyline
 
 Mode = Literal["bootstrap", "whole DEM", "whole DEM after bootstrap failed"]
 

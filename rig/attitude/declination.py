@@ -10,7 +10,7 @@ from typing import Any
 
 from rig.attitude.kinematics import wrapped_deg
 from rig.attitude.magnetic_model import model_field
-from rig.config import Place
+from rig.config.sections import Place
 from rig.errors import ConfigError
 from rig.fault_notes import note_fault
 

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from localizer.camera import camera_to_world
-from rig.config import KeepOut, RigConfig
+from rig.config.keep_out import require_allowed
+from rig.config.model import RigConfig
+from rig.config.sections import KeepOut
 from rig.errors import GoalError
-from rig.keep_out import require_allowed
 
 Rotation = NDArray[np.float64]
 

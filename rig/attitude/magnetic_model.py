@@ -5,7 +5,7 @@ from datetime import MAXYEAR, UTC, datetime
 
 from pygeomag import GeoMag, calculate_decimal_year
 
-from rig.config import Place
+from rig.config.sections import Place
 
 
 @dataclass(frozen=True)

@@ -17,10 +17,10 @@ import numpy as np
 from rig.attitude.declination import Declination, declination
 from rig.attitude.heading import HeadingsAtPan, circular_mean_deg
 from rig.attitude.kinematics import wrapped_deg
-from rig.config import NmeaCompassSection, Place
+from rig.config.sections import NmeaCompassSection, Place
+from rig.devices.readings import HeadingReading
 from rig.errors import DeviceError
 from rig.fault_notes import collecting, note_fault
-from rig.readings import HeadingReading
 
 SAME_DEVIATION_DEG = 0.15
 LEAST_VARIATION_DEG = 1.0

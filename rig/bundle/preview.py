@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from localizer.bundle import Bundle, Frame, frame_image
-from localizer.horizon.from_image import CONFIDENT, ColumnState, Skyline
 from localizer.os_errors import why_not_written
-from localizer.upright import Upright, frame_skyline, upright
+from localizer.skyline.find import CONFIDENT, ColumnState, Skyline
+from localizer.skyline.upright import Upright, frame_skyline, upright
 from rig.atomic import write_atomically
 from rig.bundle.facts import facts, how_often
 from rig.errors import RigError

@@ -8,13 +8,13 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from rig import clock
-from rig.altitude import PressureReference, altitude_m, metres_per_hpa
-from rig.bus.retry import retry
+from rig.attitude.altitude import PressureReference, altitude_m, metres_per_hpa
 from rig.calibrate.figures import new_figure
-from rig.calibrate.session import Session
-from rig.calibration import AltimeterCalibration, CalibrationError
-from rig.connect import open_altimeter
-from rig.readings import PressureReading
+from rig.calibrate.result import Session
+from rig.config.calibration_files import AltimeterCalibration, CalibrationError
+from rig.devices.bus.retry import retry
+from rig.devices.connect import open_altimeter
+from rig.devices.readings import PressureReading
 
 DURATION_S = 5.0
 NOISE_LIMIT_M = 1.0

@@ -3,7 +3,7 @@
 import sys
 from typing import Protocol
 
-from rig.calibration import CalibrationError
+from rig.config.calibration_files import CalibrationError
 
 
 class Guide(Protocol):

@@ -8,7 +8,7 @@ from typing import Any
 
 from localizer.documents import MOST_TOML_BYTES, DocumentError, read_file, toml_text, toml_values
 from rig.atomic import write_atomically
-from rig.calibration import CalibrationError, Kind
+from rig.config.calibration_files import CalibrationError, Kind
 
 _SECTION = re.compile(r"^\s*\[([^\[\]]+)\]", re.MULTILINE)
 

@@ -11,16 +11,17 @@ import numpy as np
 from pydantic import ValidationError
 
 from localizer.bundle import Altitude, Bundle, Frame, frame_image, load_bundle
-from rig import derive
 from rig.attitude.accelerometer import AccelerometerCorrection
 from rig.attitude.kinematics import JointAngles
 from rig.attitude.level import HeadLevel, tilt_roll_deg
-from rig.attitude.standing import MeanField, Stop, standing_from
 from rig.bundle.writer import Measurement, require_writable, write_bundle
-from rig.calibration import AppliedCalibration, CalibrationError, parse_calibration
-from rig.config import InclinometerSection, RigConfig, with_calibrations
-from rig.measure import MeanPressure, altitude_from
-from rig.readings import HeadingReading
+from rig.capture import derive
+from rig.capture.measure import MeanPressure, altitude_from
+from rig.capture.standing import MeanField, Stop, standing_from
+from rig.config.calibration_files import AppliedCalibration, CalibrationError, parse_calibration
+from rig.config.model import RigConfig, with_calibrations
+from rig.config.sections import InclinometerSection
+from rig.devices.readings import HeadingReading
 
 Record = dict[str, Any]
 

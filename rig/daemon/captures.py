@@ -6,14 +6,14 @@ from collections.abc import Callable
 
 import structlog
 
-from rig.capture import capture
-from rig.config import RigConfig
-from rig.connect import open_pan_tilt
-from rig.daemon.board import Board, TriggerSource
+from rig.capture.capture import capture
+from rig.config.model import RigConfig
 from rig.daemon.device_watch import DeviceWatch, Hardware
-from rig.daemon.odometry import Odometer
-from rig.daemon.spool import Spool, SpoolError, SpoolFullError
+from rig.daemon.odometry.receiver import Odometer
+from rig.daemon.spool.spool import Spool, SpoolError, SpoolFullError
+from rig.daemon.state import Board, TriggerSource
 from rig.daemon.stopping import Signals, StopRequestedError
+from rig.devices.connect import open_pan_tilt
 from rig.errors import RigError
 
 _log = structlog.get_logger(__name__)

@@ -20,8 +20,8 @@ from pathlib import Path
 from typing import Any
 
 from localizer.documents import DocumentError, json_values
-from rig.daemon.board import Actions, Board
 from rig.daemon.obstacle import reason
+from rig.daemon.state import Actions, Board
 from rig.daemon.status import status_json
 from rig.errors import RigError
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import structlog
 
-from rig.config import RigConfig
-from rig.daemon.board import Board
+from rig.config.model import RigConfig
 from rig.daemon.obstacle import NEEDED, obstacle
 from rig.daemon.servo_restarts import ServoRestarts, restart_servos
+from rig.daemon.state import Board
 from rig.errors import RigError
 from rig.watch.sources import Opener, sources_of
 

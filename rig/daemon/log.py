@@ -15,8 +15,8 @@ import structlog
 from structlog.typing import EventDict, WrappedLogger
 
 from rig.clock import utc_now
-from rig.daemon.board import Board
 from rig.daemon.seldom import Seldom
+from rig.daemon.state import Board
 
 PRIORITIES = {"critical": 2, "error": 3, "warning": 4, "info": 6, "debug": 7}
 """Of syslog(3), as sd-daemon(3) wants them in front of a line."""

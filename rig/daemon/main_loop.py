@@ -11,18 +11,19 @@ import structlog
 
 from localizer.errors import SkyfixError
 from rig import clock
-from rig.config import RigConfig, load_config
-from rig.daemon.board import Board, Snapshot, TriggerSource
+from rig.config.load import load_config
+from rig.config.model import RigConfig
+from rig.config.run import RunSection
 from rig.daemon.captures import Captures
-from rig.daemon.config import RunSection
 from rig.daemon.device_watch import all_tried, obstacle
 from rig.daemon.memory import give_back
 from rig.daemon.named_files import check_named_files
 from rig.daemon.notify import Notifier
-from rig.daemon.odometry import Odometer
-from rig.daemon.search import Search, restore
-from rig.daemon.search_process import SearchProcess
-from rig.daemon.spool import ODOMETER, Spool, SpoolError
+from rig.daemon.odometry.receiver import Odometer
+from rig.daemon.search.loop import Search, restore
+from rig.daemon.search.process import SearchProcess
+from rig.daemon.spool.spool import ODOMETER, Spool, SpoolError
+from rig.daemon.state import Board, Snapshot, TriggerSource
 from rig.daemon.triggers import Triggers
 from rig.errors import ConfigError
 

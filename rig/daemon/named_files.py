@@ -4,9 +4,9 @@ import os
 import stat
 from pathlib import Path
 
-from localizer.dem_names import is_gdal_name
+from localizer.dem.names import is_gdal_name
 from rig.bundle.writer import existing_part
-from rig.daemon.config import RunSection
+from rig.config.run import RunSection
 from rig.daemon.http.guard import read_token
 from rig.errors import ConfigError
 

@@ -1,6 +1,6 @@
 """Why no capture is possible at this moment, for whoever asks for one and for whoever wants to know why there was none."""
 
-from rig.daemon.board import Board, Snapshot
+from rig.daemon.state import Board, Snapshot
 
 NEEDED = ("head", "inclinometer", "camera")
 """Without these there is no capture. Without a compass the search turns the whole circle, without an altimeter it looks at

@@ -4,10 +4,10 @@ from contextlib import ExitStack
 
 import structlog
 
-from rig.daemon.board import Actions, Board
-from rig.daemon.config import RunSection
+from rig.config.run import RunSection
 from rig.daemon.progress import Loops
-from rig.daemon.spool import Spool
+from rig.daemon.spool.spool import Spool
+from rig.daemon.state import Actions, Board
 
 _log = structlog.get_logger(__name__)
 
@@ -22,13 +22,13 @@ def publish(
         url = stack.enter_context(serving(run.http, board, actions, spool, run.chosen_dem, loops))
         _log.info("HTTP", url=url)
     if run.nmea:
-        from rig.daemon.nmea import publishing as publishing_nmea
+        from rig.daemon.publish.nmea import publishing as publishing_nmea
 
         nmea = stack.enter_context(publishing_nmea(run.nmea, board, loops))
         where = {"tcp": nmea.tcp and "{}:{}".format(*nmea.tcp), "udp": ",".join(run.nmea.udp)}
         _log.info("NMEA", **{how: to for how, to in where.items() if to})
     if run.mavlink:
-        from rig.daemon.mavlink import publishing as publishing_mavlink
+        from rig.daemon.publish.mavlink import publishing as publishing_mavlink
 
         stack.enter_context(publishing_mavlink(run.mavlink, board, loops))
         _log.info("MAVLink", connection=run.mavlink.connection)

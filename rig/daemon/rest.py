@@ -10,14 +10,14 @@ from functools import partial
 import numpy as np
 import structlog
 
-from rig.bus.retry import retry
-from rig.config import RigConfig
-from rig.connect import Inclinometer, open_inclinometer
-from rig.daemon.board import Board
-from rig.daemon.config import RestTrigger
+from rig.config.model import RigConfig
+from rig.config.run import RestTrigger
 from rig.daemon.device_watch import Hardware, next_wait_s, note_device
+from rig.daemon.state import Board
+from rig.devices.bus.retry import retry
+from rig.devices.connect import Inclinometer, open_inclinometer
+from rig.devices.readings import AccelerationReading
 from rig.errors import DeviceError
-from rig.readings import AccelerationReading
 
 _log = structlog.get_logger(__name__)
 

@@ -12,11 +12,11 @@ from functools import partial
 
 import structlog
 
-from rig.bus.retry import retry
-from rig.bus.serial_port import SerialPort
-from rig.config import PanTiltSection
-from rig.dynamixel.servo import Servo
-from rig.dynamixel.servo_bus import ServoBus
+from rig.config.sections import PanTiltSection
+from rig.devices.bus.retry import retry
+from rig.devices.bus.serial_port import SerialPort
+from rig.devices.dynamixel.servo import Servo
+from rig.devices.dynamixel.servo_bus import ServoBus
 from rig.errors import RigError
 
 _log = structlog.get_logger(__name__)

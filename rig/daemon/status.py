@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from rig.daemon.board import Answer, Snapshot
-from rig.measure import utc_text
-from rig.readings import Instant
+from rig.capture.measure import utc_text
+from rig.clock import Instant
+from rig.daemon.state import Answer, Snapshot
 from rig.version import package_version
 
 BEGINNING = "starting", "connecting"

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import structlog
 
-from rig.daemon.board import Board, TriggerAnswer, TriggerSource
+from rig.daemon.state import Board, TriggerAnswer, TriggerSource
 
 _log = structlog.get_logger(__name__)
 

@@ -10,7 +10,7 @@ from localizer.bundle import Bundle, BundleError, load_bundle
 from rig.bundle.facts import bundles_in, extra_of, readings
 from rig.clock import wall_clock
 from rig.errors import RigError
-from rig.series.record import Outcome, Series
+from rig.series.journal import Outcome, Series
 
 Take = Callable[[Path, Mapping[str, Any]], Path]
 """Takes a bundle into a folder, with remarks in its ``raw``, and returns its directory."""

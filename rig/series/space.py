@@ -4,7 +4,7 @@ import shutil
 from pathlib import Path
 
 from rig.bundle.writer import LEAST_FREE_BYTES, BundleWriteError, existing_part
-from rig.config import RigConfig
+from rig.config.model import RigConfig
 
 FRAME_BYTES_OF_RAW = 1.01  # a PNG of noise is no smaller than its pixels
 PREVIEW_BYTES = 400_000

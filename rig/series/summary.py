@@ -7,8 +7,8 @@ import numpy as np
 
 from rig.attitude.heading import circular_mean_deg
 from rig.attitude.kinematics import wrapped_deg
-from rig.measure import utc_text
-from rig.series.record import Series
+from rig.capture.measure import utc_text
+from rig.series.journal import Series
 
 ROUND = ("heading_deg", "azimuth_deg")  # angles without a beginning
 

@@ -18,15 +18,15 @@ from scipy.spatial.transform import Rotation
 
 from rig import clock
 from rig.attitude.kinematics import Attitude, Head, JointAngles, body_rotation, camera_rotation, head_rotation
-from rig.attitude.standing import Standing
-from rig.camera import TimedFrame
-from rig.capture import View
-from rig.config import RigConfig
-from rig.measure import AltitudeReading
-from rig.pan_tilt import HeadState
-from rig.readings import AccelerationReading, FieldReading, HeadingReading, PressureReading
+from rig.capture.capture import View
+from rig.capture.measure import AltitudeReading
+from rig.capture.standing import Standing
+from rig.config.model import RigConfig
+from rig.devices.camera.camera import TimedFrame
+from rig.devices.pan_tilt import HeadState
+from rig.devices.readings import AccelerationReading, FieldReading, HeadingReading, PressureReading
+from rig.feed import Step
 from rig.telemetry import schemas
-from rig.telemetry.feed import Step
 from rig.telemetry.schemas import Schema
 
 THUMBNAIL_WIDTH = 320

@@ -18,10 +18,10 @@ from typing import IO
 from mcap.writer import Writer
 
 from localizer.os_errors import why_not_written
-from rig.camera import TimedFrame
-from rig.config import RigConfig
+from rig import feed
+from rig.config.model import RigConfig
+from rig.devices.camera.camera import TimedFrame
 from rig.errors import RigError
-from rig.telemetry import feed
 from rig.telemetry.messages import Message, messages_of, opening, time_ns
 
 CHUNK_BYTES = 32_768  # about a second: what a power cut takes

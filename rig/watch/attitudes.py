@@ -23,7 +23,8 @@ from rig.attitude.kinematics import (
     pan_stage_rotation,
 )
 from rig.clock import utc_now
-from rig.config import Mmc5983maSection, RigConfig
+from rig.config.model import RigConfig
+from rig.config.sections import Mmc5983maSection
 from rig.errors import ConfigError
 from rig.watch.watcher import DeviceStatus
 

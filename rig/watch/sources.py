@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 
 from rig.attitude.level import in_axes
+from rig.attitude.possible_altitude import AltitudeBounds, altitude_bounds, require_possible
 from rig.attitude.talker_headings import heading_doubts
-from rig.bus.retry import retry
-from rig.bus.serial_port import SerialPort
-from rig.camera import Camera, TimedFrame
-from rig.check import BRIGHT, DARK
-from rig.config import (
+from rig.capture.measure import altitude_from, read_level, read_pressure
+from rig.check.check import BRIGHT, DARK
+from rig.config.model import RigConfig
+from rig.config.sections import (
     AltimeterSection,
     CameraSection,
     CompassSection,
@@ -25,16 +25,16 @@ from rig.config import (
     NmeaCompassSection,
     PanTiltSection,
     Place,
-    RigConfig,
 )
-from rig.config import Servo as ServoSection
-from rig.connect import open_altimeter, open_compass, open_inclinometer
-from rig.dynamixel.servo import Servo, read_states, require_models
-from rig.dynamixel.servo_bus import ServoBus
+from rig.config.sections import Servo as ServoSection
+from rig.devices.bus.retry import retry
+from rig.devices.bus.serial_port import SerialPort
+from rig.devices.camera.camera import Camera, TimedFrame
+from rig.devices.connect import open_altimeter, open_compass, open_inclinometer
+from rig.devices.dynamixel.servo import Servo, read_states, require_models
+from rig.devices.dynamixel.servo_bus import ServoBus
+from rig.devices.readings import FieldReading, HeadingReading
 from rig.errors import DeviceError, RigError
-from rig.measure import altitude_from, read_level, read_pressure
-from rig.possible_altitude import AltitudeBounds, altitude_bounds, require_possible
-from rig.readings import FieldReading, HeadingReading
 
 HEAD_PAUSE_S = 0.2
 LEVEL_S = 0.4

@@ -8,9 +8,9 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
+from rig.capture.measure import utc_text
 from rig.clock import utc_now
 from rig.fault_notes import FaultNote
-from rig.measure import utc_text
 from rig.watch.attitudes import Attitudes, fresh_values
 from rig.watch.watcher import DeviceStatus
 

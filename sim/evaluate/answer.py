@@ -6,12 +6,12 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from localizer.answer import Located, fix_of, metric_covariance
-from localizer.details import LocateResult, SolvedErrors
+from localizer.dem.ground import ground_offset_m
+from localizer.dem.horizon import Terrain
 from localizer.fix import Fix
-from localizer.ground import ground_offset_m
-from localizer.horizon.from_terrain import Terrain
 from localizer.observation import Observation
+from localizer.search.answer import Located, fix_of, metric_covariance
+from localizer.search.details import LocateResult, SolvedErrors
 
 Array = NDArray[np.float64]
 
@@ -65,7 +65,7 @@ class Answer:
         fix = self.fix
         if fix.position is None or fix.covariance_m2 is None:
             return None
-        here = fix.position.easting_m, fix.position.northing_m
+        here = fix.position.easting_northing_m
         off = ground_offset_m(fix.position.crs, here, (easting_m, northing_m))
         return float(np.hypot(*off)), float(off @ np.linalg.solve(np.array(fix.covariance_m2), off))
 

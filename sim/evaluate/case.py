@@ -10,9 +10,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from localizer.crs import transform_xy
-from localizer.horizon.from_terrain import Terrain
-from localizer.locate import locate, locate_bundle
+from localizer.dem.crs import transform_xy
+from localizer.dem.horizon import Terrain
+from localizer.search.locate import locate, locate_bundle
 from sim.evaluate.answer import Answer
 from sim.evaluate.contour_level import observation_of, searched_contour
 from sim.evaluate.crlb import Bound, cramer_rao_bound, rms_m
@@ -23,8 +23,8 @@ from sim.evaluate.scenario import EvaluationScenario
 from sim.evaluate.searched import HALVES, Side, beyond, searched_terrain, terrain_of_twins
 from sim.evaluate.truth import Generators, Truth, case_generators, draw_truth, truth_at
 from sim.evaluate.twins import draw_twins
-from sim.surface import Surface
-from sim.terrain import read_terrain
+from sim.world.surface import Surface
+from sim.world.terrain import read_terrain
 
 Level = Literal["contour", "image"]
 Array = NDArray[np.float64]

@@ -4,12 +4,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from localizer.camera import azimuth_elevation_deg, camera_to_world, pixel_rays
-from localizer.horizon.from_terrain import Terrain, horizon_around
+from localizer.dem.horizon import Terrain, horizon_around
 from localizer.observation import Observation
 from sim.evaluate.disturb import Disturbed
 from sim.evaluate.scenario import EvaluationScenario
 from sim.evaluate.truth import TrueFrame, Truth
-from sim.observing import frame_observation
+from sim.paper.observing import frame_observation
 
 Array = NDArray[np.float64]
 

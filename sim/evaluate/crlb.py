@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from sim.contour import skyline_contour, undistorted
 from sim.evaluate.disturb import Disturbed
 from sim.evaluate.scenario import DemError, EvaluationScenario
 from sim.evaluate.truth import NO_COMPASS_SIGMA_DEG, TrueFrame, Truth
-from sim.mechanics import camera_in_world
-from sim.scenario import CameraOptics
-from sim.surface import Observer, Surface
+from sim.world.contour import skyline_contour, undistorted
+from sim.world.mechanics import camera_in_world
+from sim.world.scenario import CameraOptics
+from sim.world.surface import Observer, Surface
 
 Array = NDArray[np.float64]
 

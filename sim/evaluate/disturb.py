@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from sim.contour import skyline_contour
 from sim.evaluate.scenario import Cloud, EvaluationScenario, Foreground, Occlusion
 from sim.evaluate.truth import Generators, Truth
-from sim.scenario import CameraOptics
-from sim.surface import Surface
+from sim.world.contour import skyline_contour
+from sim.world.scenario import CameraOptics
+from sim.world.surface import Surface
 
 Array = NDArray[np.float64]
 

@@ -11,11 +11,11 @@ from localizer.bundle import FILE_NAME, Altitude, Bundle, Camera, Frame, load_bu
 from sim.errors import SimulationError
 from sim.evaluate.scenario import EvaluationScenario
 from sim.evaluate.truth import TrueFrame, Truth
-from sim.panorama import render_panorama
-from sim.renderer import Renderer
-from sim.scenario import Scenario
-from sim.scenario import Vehicle as RigVehicle
-from sim.world import World
+from sim.render.panorama import render_panorama
+from sim.render.renderer import Renderer
+from sim.world.scenario import Scenario
+from sim.world.scenario import Vehicle as RigVehicle
+from sim.world.truth import World
 
 CREATED = datetime(2026, 11, 24, 12, 0, 0, tzinfo=UTC)
 CONTOUR_ONLY = ("foreground", "occlusion", "cloud")

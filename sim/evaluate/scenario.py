@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from sim.scenario import CameraOptics, Finite, NonNegative, Place, Positive, Section, Weather, read_toml
+from sim.world.scenario import CameraOptics, Finite, NonNegative, Place, Positive, Section, Weather, read_toml
 
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
 

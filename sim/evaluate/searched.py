@@ -8,11 +8,11 @@ import numpy as np
 from affine import Affine
 from numpy.typing import NDArray
 
-from localizer.dem import dem_from_array, load_dem
-from localizer.horizon.from_terrain import Terrain, prepare_terrain
-from localizer.locate import load_kernels
+from localizer.dem.horizon import Terrain, prepare_terrain
+from localizer.dem.lattice import dem_from_array, load_dem
+from localizer.search.locate import load_kernels
 from sim.evaluate.twins import TwinPlace
-from sim.surface import Surface
+from sim.world.surface import Surface
 
 Side = Literal["whole", "north", "south", "west", "east"]
 HALVES: tuple[Side, ...] = ("north", "south", "west", "east")

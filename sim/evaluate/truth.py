@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from sim.evaluate.scenario import DemError, EvaluationScenario
-from sim.mechanics import Attitude, Rotation, camera_in_world
-from sim.observing import aimed_tilt_deg, half_view_deg
-from sim.scenario import Scenario
-from sim.scenario import Vehicle as RigVehicle
-from sim.surface import Observer, Surface
-from sim.terrain import Terrain
-from sim.world import draw_place, random_generator
+from sim.paper.observing import aimed_tilt_deg, half_view_deg
+from sim.world.mechanics import Attitude, Rotation, camera_in_world
+from sim.world.scenario import Scenario
+from sim.world.scenario import Vehicle as RigVehicle
+from sim.world.surface import Observer, Surface
+from sim.world.terrain import Terrain
+from sim.world.truth import draw_place, random_generator
 
 Array = NDArray[np.float64]
 Generators = Callable[[str], np.random.Generator]

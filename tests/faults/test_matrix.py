@@ -14,16 +14,16 @@ from typing import Any
 import pytest
 from fakes.simulated import Quick, open_descriptors, quick_rig, threads, world
 
-import rig.attitude.standing
-import rig.capture
+import rig.capture.capture
+import rig.capture.standing
 from localizer.bundle import load_bundle
 from localizer.errors import SkyfixError
 from rig.attitude.kinematics import wrapped_deg
-from rig.pan_tilt import PanTilt
-from sim.command import find_command
+from rig.devices.pan_tilt import PanTilt
 from sim.faults.catalogue import CATALOGUE, DEVICES
 from sim.faults.player import steps
 from sim.faults.script import Fault, parse_faults
+from sim.launch.child_command import find_command
 
 MATRIX = Path(__file__).parents[2] / "docs" / "faults.md"
 FITTED = {"compass: a talker": {"compass": "hdg"}, "altimeter: a talker": {"altimeter": "xdr"}}
@@ -39,15 +39,15 @@ TRIGGERS: dict[str, tuple[Any, str, int]] = {
     "servo-bus": (PanTilt, "wait_settled", 2),
     "pan": (PanTilt, "wait_settled", 2),
     "tilt": (PanTilt, "wait_settled", 2),
-    "inclinometer": (rig.attitude.standing, "still_level", 2),
-    "compass": (rig.attitude.standing, "still_level", 2),
-    "altimeter": (rig.capture, "_altitude", 1),
-    "camera": (rig.capture, "take_pictures", 2),
-    "clock": (rig.capture, "take_pictures", 2),
+    "inclinometer": (rig.capture.standing, "still_level", 2),
+    "compass": (rig.capture.standing, "still_level", 2),
+    "altimeter": (rig.capture.capture, "_altitude", 1),
+    "camera": (rig.capture.capture, "take_pictures", 2),
+    "clock": (rig.capture.capture, "take_pictures", 2),
 }
 """Which call of which function of the rig the fault begins at."""
 
-BEFORE_THE_HEAD_TURNS = (rig.capture, "look", 2)
+BEFORE_THE_HEAD_TURNS = (rig.capture.capture, "look", 2)
 OLD_PICTURES = ("frozen", "stale")
 SMALLER = {"width_px": 80, "height_px": 60}
 PARAMETERS: dict[str, dict[str, float]] = {
@@ -156,8 +156,8 @@ def begin_at(case: Case, quick: Quick, patch: pytest.MonkeyPatch) -> list[thread
 @pytest.mark.timeout(60)
 @pytest.mark.parametrize("case", [p for p in parameters() if p.values[0].device != "disk"])
 def test_fault(case: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rig.bus.retry.REPLUG_S", 2.0)
-    monkeypatch.setattr("rig.pictures.take.WITHIN_S", 5.0)
+    monkeypatch.setattr("rig.devices.bus.retry.REPLUG_S", 2.0)
+    monkeypatch.setattr("rig.capture.pictures.take.WITHIN_S", 5.0)
     truth = world(**FITTED.get(case.device, {}))
     open_before, threads_before = open_descriptors(), threads()
     with quick_rig(truth, tmp_path) as quick:

@@ -15,7 +15,7 @@ from fakes.simulated import quick_rig, world
 
 from localizer.bundle import load_bundle
 from rig.bundle.facts import bundles_in
-from rig.series.record import load_series
+from rig.series.journal import load_series
 from rig.telemetry.reading import TelemetryFile, TelemetryReadError
 
 BUNDLES = 8

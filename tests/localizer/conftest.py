@@ -12,8 +12,8 @@ import pytest
 import rasterio
 from affine import Affine
 
-from localizer import cli
 from localizer.bundle import Bundle, Camera, Frame, sha256_of
+from localizer.commands import cli
 
 SANTA_CRUZ = Path(__file__).parents[2] / "sim" / "terrain" / "santa_cruz_srtm_1s.tif"
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from localizer.camera import camera_to_world, project
-from localizer.horizon.from_terrain import Terrain, horizon
+from localizer.dem.horizon import Terrain, horizon
 from localizer.observation import FrameObservation, Observation
 
 PLACE = (536.9, 389.1)

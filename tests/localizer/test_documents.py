@@ -28,9 +28,9 @@ from localizer.documents import (
     toml_values,
 )
 from localizer.predict.lens import load_camera
-from localizer.report import load_truth
 from localizer.track.odometry import load_odometry
 from localizer.track.tracker import Tracker, TrackerError
+from localizer.truth import load_truth
 
 
 @pytest.mark.parametrize("attack", JSON_ATTACKS)

@@ -10,9 +10,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from localizer.errors import SkyfixError
-from localizer.report import Truth, load_truth
 from localizer.track.odometry import load_odometry
 from localizer.track.tracker import Tracker
+from localizer.truth import Truth, load_truth
 
 numbers = st.one_of(
     st.integers(-(10**20), 10**20), st.floats(), st.sampled_from([0, -1, 360, 1e-300, 1e300, 10**400])

@@ -7,8 +7,8 @@ SCRIPT = """
 import sys
 import numpy as np
 from numba.core.dispatcher import Dispatcher
-from localizer.horizon.from_image import find_skyline
-from localizer.locate import load_picture_kernels
+from localizer.skyline.find import find_skyline
+from localizer.search.locate import load_picture_kernels
 
 
 def compiled():

@@ -11,13 +11,14 @@ from typing import Any
 
 import pytest
 
-from rig.bus.retry import retry
-from rig.config import RigConfig, load_config
-from rig.connect import open_altimeter, open_compass, open_inclinometer, open_pan_tilt
-from rig.readings import FieldReading
-from rig.sensors.reviving import Sensor
+from rig.config.load import load_config
+from rig.config.model import RigConfig
+from rig.devices.bus.retry import retry
+from rig.devices.connect import open_altimeter, open_compass, open_inclinometer, open_pan_tilt
+from rig.devices.readings import FieldReading
+from rig.devices.sensors.reviving import Sensor
 from sim.errors import SimulationError
-from sim.replay import load_log, replayed
+from sim.replay.replay import load_log, replayed
 
 LOGS = sorted(Path(__file__).parent.glob("*.log"))
 FIRST = 2
@@ -68,7 +69,7 @@ def rounded(value: Any) -> Any:
 @pytest.mark.parametrize("log", LOGS, ids=lambda log: log.stem)
 def test_a_log_gives_the_readings_that_are_stored_with_it(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for driver in AVERAGED:
-        monkeypatch.setattr(f"rig.sensors.{driver}.LEAST_READINGS", 1)
+        monkeypatch.setattr(f"rig.devices.sensors.{driver}.LEAST_READINGS", 1)
     with replayed(log) as config_path:
         found = rounded(readings(load_config(config_path)))
     expected = log.with_suffix(".json")

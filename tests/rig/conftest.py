@@ -7,7 +7,7 @@ import pytest
 from fakes.command import Run
 from fakes.whole_rig import FakeRig, RunningRig, running_rig
 
-from rig.cli import main
+from rig.commands.cli import main
 
 
 @pytest.fixture

@@ -27,30 +27,30 @@ from localizer.bundle import BundleError, Camera, load_bundle
 from localizer.errors import SkyfixError
 from localizer.track.tracker import TrackerError
 from rig.bundle.writer import BundleWriteError, FrameRecord, Measurement, write_bundle
-from rig.calibrate.board import parse_board
-from rig.calibrate.camera import views_from_files
+from rig.calibrate.camera.procedure import views_from_files
+from rig.calibrate.camera.target import parse_board
+from rig.calibrate.inclinometer.temperature import read_drift
 from rig.calibrate.naming import name_in_config
-from rig.calibrate.temperature import read_drift
-from rig.calibration import CalibrationError, read_calibration
-from rig.cli import rig
 from rig.clock import utc_now
-from rig.config import load_config
-from rig.daemon.config import control_in_bad
+from rig.commands.cli import rig
+from rig.config.calibration_files import CalibrationError, read_calibration
+from rig.config.load import load_config
+from rig.config.run import control_in_bad
 from rig.daemon.http.guard import read_token
-from rig.daemon.spool import Spool
-from rig.daemon.spool_index import stored_leg
+from rig.daemon.spool.index import stored_leg
+from rig.daemon.spool.spool import Spool
 from rig.errors import ConfigError
-from rig.series.record import SeriesError, held, load_series
+from rig.series.journal import SeriesError, held, load_series
 from rig.telemetry import reading
 from rig.telemetry.reading import TelemetryFile, TelemetryReadError, mend
-from sim.cli import sim
+from sim.commands.cli import sim
+from sim.commands.options import EMBEDDED_DEM
 from sim.errors import SimulationError
 from sim.evaluate.photos.source import read_json
 from sim.evaluate.scenario import load_evaluation_scenario
 from sim.faults.script import load_faults
-from sim.options import EMBEDDED_DEM
-from sim.replay import load_log
-from sim.scenario import load_scenario
+from sim.replay.replay import load_log
+from sim.world.scenario import load_scenario
 
 EXAMPLE = Path(__file__).parents[2] / "configs" / "vehicle.toml"
 LOG = next((Path(__file__).parents[1] / "logs").glob("*.log"))
@@ -546,7 +546,7 @@ def test_a_whole_program_says_it_in_one_line_on_standard_error(tmp_path: Path) -
         [
             sys.executable,
             "-c",
-            "from rig.cli import main; main()",
+            "from rig.commands.cli import main; main()",
             "check",
             "--config",
             str(tmp_path / "x.toml"),

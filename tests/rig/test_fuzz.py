@@ -9,14 +9,14 @@ from fakes.line import Line
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from rig.bus.deadline import Deadline
-from rig.bus.serial_port import SerialPort
+from rig.clock import Instant
+from rig.devices.bus.deadline import Deadline
+from rig.devices.bus.serial_port import SerialPort
+from rig.devices.sensors import adxl355, bmp3, iis2iclx, mmc5983ma, ms5611
+from rig.devices.sensors.nmea import checksum, parse_heading, parse_sentence
+from rig.devices.sensors.talker import LineReader
+from rig.devices.sensors.vaisala import parse_pa50
 from rig.errors import DeviceError, MessageError
-from rig.readings import Instant
-from rig.sensors import adxl355, bmp3, iis2iclx, mmc5983ma, ms5611
-from rig.sensors.nmea import checksum, parse_heading, parse_sentence
-from rig.sensors.talker import LineReader
-from rig.sensors.vaisala import parse_pa50
 
 AT = Instant.now()
 GOOD = b"$HCHDM,238.5,M*25\r\n"

@@ -9,8 +9,8 @@ import rasterio
 from numpy.typing import NDArray
 from rasterio.transform import Affine
 
-from sim.scenario import Scenario
-from sim.world import World
+from sim.world.scenario import Scenario
+from sim.world.truth import World
 
 SANTA_CRUZ = Path(__file__).parents[2] / "sim" / "terrain" / "santa_cruz_srtm_1s.tif"
 

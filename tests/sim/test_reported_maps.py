@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from pyproj import Geod
 
-from localizer.dem import load_dem
-from localizer.geodesy import lonlat_to_rowcol, map_metres_at, rowcol_to_lonlat
-from localizer.ground import ground_distance_m
-from sim.command import find_command
-from sim.terrain import read_terrain
+from localizer.dem.geodesy import lonlat_to_rowcol, map_metres_at, rowcol_to_lonlat
+from localizer.dem.ground import ground_distance_m
+from localizer.dem.lattice import load_dem
+from sim.launch.child_command import find_command
+from sim.world.terrain import read_terrain
 
 MODELS = {"geo360": ["geo360.tif"], "date line": ["dl_W.tif", "dl_E.tif"], "mercator": ["merc68.tif"]}
 GEOD = Geod(ellps="WGS84")

@@ -11,11 +11,11 @@ from fakes.driving import drive_to, next_stop
 from fakes.gpsd import ellipse, position, reports_of, time_of
 from pyproj import Geod
 
-from rig.config import load_config
-from sim.launcher import simulated_rig
-from sim.options import EMBEDDED_DEM
-from sim.scenario import Scenario
-from sim.world import World
+from rig.config.load import load_config
+from sim.commands.options import EMBEDDED_DEM
+from sim.launch.launcher import simulated_rig
+from sim.world.scenario import Scenario
+from sim.world.truth import World
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(0)]
 

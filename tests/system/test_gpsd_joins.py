@@ -9,9 +9,9 @@ import pytest
 from fakes.answers import an_answer
 from fakes.gpsd import no_position, position, reports_of, time_of
 
-from rig.daemon.board import Board
-from rig.daemon.config import NmeaOutput
-from rig.daemon.nmea import publishing
+from rig.config.run import NmeaOutput
+from rig.daemon.publish.nmea import publishing
+from rig.daemon.state import Board
 
 pytestmark = pytest.mark.system
 

@@ -17,15 +17,15 @@ from fakes.located import ScriptedActions, answer_of, bundle_id, write_bundle
 
 from localizer.fix import Status
 from localizer.track.tracker import Tracker
-from rig.daemon.board import Board
-from rig.daemon.config import HttpServer
+from rig.config.run import HttpServer
 from rig.daemon.http import serving
-from rig.daemon.skylines import FILE_NAME, BundleSkylines, FrameSkylines
-from rig.daemon.spool import Spool
-from sim.launcher import simulated_rig
-from sim.options import EMBEDDED_DEM
-from sim.scenario import load_scenario
-from sim.world import World
+from rig.daemon.search.skylines import FILE_NAME, BundleSkylines, FrameSkylines
+from rig.daemon.spool.spool import Spool
+from rig.daemon.state import Board
+from sim.commands.options import EMBEDDED_DEM
+from sim.launch.launcher import simulated_rig
+from sim.world.scenario import load_scenario
+from sim.world.truth import World
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(900)]
 

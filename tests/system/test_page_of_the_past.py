@@ -12,14 +12,14 @@ from browser import DESKTOP, Page, browser
 from fakes.located import ScriptedActions, answer_of, bundle_id, write_bundle
 from pyproj import Transformer
 
-from localizer.ground import map_metres
+from localizer.dem.ground import map_metres
 from localizer.track.tracker import Tracker
-from rig.daemon.board import Answer, Board
-from rig.daemon.config import HttpServer
+from rig.config.run import HttpServer
 from rig.daemon.http import serving
-from rig.daemon.search import restore
-from rig.daemon.spool import Spool
-from sim.options import EMBEDDED_DEM
+from rig.daemon.search.loop import restore
+from rig.daemon.spool.spool import Spool
+from rig.daemon.state import Answer, Board
+from sim.commands.options import EMBEDDED_DEM
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(900)]
 

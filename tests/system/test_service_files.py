@@ -144,7 +144,7 @@ def test_a_wheel_brings_the_same_files(installed: Path, tmp_path: Path) -> None:
     rig = """
 import sys
 sys.path.insert(0, sys.argv.pop(1))
-from rig import cli
+from rig.commands import cli
 assert cli.__file__.startswith(sys.path[0])
 cli.main()
 """

@@ -39,7 +39,7 @@ ExecStart=/opt/skyfix/bin/sim run --seed 3 -- sh -ec '\\
 # A loop hangs while there is a file.
 HANGING = """
 import pathlib, time
-from rig import cli
+from rig.commands import cli
 from rig.daemon import device_watch, session
 def probe(self, name, device, probe=device_watch.DeviceWatch._probe):
     while pathlib.Path("/run/skyfix/hang").exists():

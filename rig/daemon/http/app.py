@@ -15,8 +15,8 @@ from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
 from starlette.responses import FileResponse, JSONResponse, Response
 
 from localizer.errors import SkyfixError
-from rig.daemon.board import Actions, Board
-from rig.daemon.config import HttpServer
+from rig.clock import Instant
+from rig.config.run import HttpServer
 from rig.daemon.http.bundles import NOT_FOUND, BundleStore, Limit, bundle_routes
 from rig.daemon.http.guard import Guard, token_check
 from rig.daemon.http.health import add_health
@@ -41,8 +41,8 @@ from rig.daemon.http.models import (
 from rig.daemon.http.relay import Relay, Stream, TooManyStreamsError
 from rig.daemon.obstacle import reason
 from rig.daemon.progress import Loops
-from rig.daemon.published import newest
-from rig.readings import Instant
+from rig.daemon.publish.published import newest
+from rig.daemon.state import Actions, Board
 from rig.version import package_version
 
 PAGE = Path(__file__).parent / "page"

@@ -14,11 +14,11 @@ from starlette.responses import FileResponse
 
 from localizer.bundle import FILE_NAME, ID_PATTERN, MOST_BYTES, Bundle, BundleError, parse_bundle
 from localizer.documents import DocumentError, read_file
-from rig.daemon import skylines
-from rig.daemon.board import Answer
 from rig.daemon.http.models import BundleAnswer, BundleItem, Problem, bundle_answer, bundle_item
-from rig.daemon.skylines import BundleSkylines
-from rig.daemon.spool_index import Entry
+from rig.daemon.search import skylines
+from rig.daemon.search.skylines import BundleSkylines
+from rig.daemon.spool.index import Entry
+from rig.daemon.state import Answer
 
 BundleId = Annotated[str, PathParameter(pattern=f"^{ID_PATTERN}$", description="As in /bundles.")]
 FrameFile = Annotated[
@@ -34,7 +34,7 @@ NEVER_CHANGES = {"Cache-Control": "private, max-age=86400, immutable"}
 
 
 class BundleStore(Protocol):
-    """What is asked of the spool (``rig.daemon.spool``)."""
+    """What is asked of the spool (``rig.daemon.spool.spool``)."""
 
     @property
     def bundles_dir(self) -> Path: ...

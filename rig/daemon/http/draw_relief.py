@@ -10,11 +10,11 @@ import sys
 import cv2
 import numpy as np
 
-from localizer.dem_options import DemChoice
+from localizer.dem.choice import DemChoice
+from localizer.dem.ground import map_metres
 from localizer.documents import json_values
 from localizer.errors import SkyfixError
-from localizer.ground import map_metres
-from localizer.relief import dem_bounds_m, relief_image
+from localizer.show.relief import dem_bounds_m, relief_image
 
 LEAST_PX, MOST_PX = 800, 2000
 PX_A_CELL = 2

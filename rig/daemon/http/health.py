@@ -3,9 +3,9 @@
 from fastapi import FastAPI
 from starlette.responses import JSONResponse
 
-from rig.daemon.board import Board
 from rig.daemon.obstacle import obstacle
 from rig.daemon.progress import Loops
+from rig.daemon.state import Board
 from rig.version import package_version
 
 

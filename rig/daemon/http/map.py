@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from localizer.dem_options import DemChoice
+from localizer.dem.choice import DemChoice
 from rig.daemon.http.models import MapSheet
 from rig.errors import RigError
 

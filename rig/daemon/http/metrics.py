@@ -8,10 +8,10 @@ from prometheus_client import CollectorRegistry, Histogram, disable_created_metr
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
-from rig.daemon.board import Activity, Answer, Board, DeviceState
+from rig.clock import Instant
 from rig.daemon.http.models import age_s
 from rig.daemon.http.relay import Relay
-from rig.readings import Instant
+from rig.daemon.state import Activity, Answer, Board, DeviceState
 
 SECONDS = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0)
 

@@ -7,11 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
+from localizer.dem.ground import MapError, map_metres
 from localizer.fix import Fix, Status
-from localizer.ground import MapError, map_metres
-from localizer.track.report import TrackHypothesis
+from localizer.track.document import TrackHypothesis
 from localizer.track.tracker import Mode
-from rig.daemon.board import (
+from rig.clock import Instant
+from rig.daemon.publish.published import lapsed, newest
+from rig.daemon.spool.index import BundleState, Entry
+from rig.daemon.state import (
     Activity,
     Answer,
     DeviceState,
@@ -21,9 +24,6 @@ from rig.daemon.board import (
     TriggerAnswer,
     TriggerSource,
 )
-from rig.daemon.published import lapsed, newest
-from rig.daemon.spool_index import BundleState, Entry
-from rig.readings import Instant
 from rig.version import package_version
 
 MOST_HYPOTHESES = 50

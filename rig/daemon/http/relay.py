@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager
 
-from rig.daemon.board import Board, Event
+from rig.daemon.state import Board, Event
 
 MOST_STREAMS = 16
 KEPT = 200

@@ -9,9 +9,8 @@ from pathlib import Path
 
 import uvicorn
 
-from localizer.dem_options import DemChoice
-from rig.daemon.board import Actions, Board
-from rig.daemon.config import HttpServer
+from localizer.dem.choice import DemChoice
+from rig.config.run import HttpServer
 from rig.daemon.http.app import make_app
 from rig.daemon.http.bundles import BundleStore
 from rig.daemon.http.guard import read_token
@@ -20,6 +19,7 @@ from rig.daemon.http.patience import PatientProtocol
 from rig.daemon.http.relay import Relay
 from rig.daemon.listening import why_not_listening
 from rig.daemon.progress import Loops
+from rig.daemon.state import Actions, Board
 from rig.errors import RigError
 
 _log = logging.getLogger(__name__)

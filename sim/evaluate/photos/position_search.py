@@ -9,16 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 from pyproj import Transformer
 
-from localizer.answer import Located
 from localizer.bundle import Bundle, frame_image, load_bundle
-from localizer.dem import Dem, load_dem
-from localizer.geodesy import rowcol_to_metric
-from localizer.ground import ground_distance_m
-from localizer.horizon.from_image import ColumnState, Skyline, find_skyline
-from localizer.horizon.from_terrain import Terrain, prepare_terrain
-from localizer.locate import load_kernels, locate, observe
+from localizer.dem.geodesy import rowcol_to_metric
+from localizer.dem.ground import ground_distance_m
+from localizer.dem.horizon import Terrain, prepare_terrain
+from localizer.dem.lattice import Dem, load_dem
 from localizer.observation import NO_COMPASS_SIGMA_DEG, Observation
-from localizer.search.refine import Refined
+from localizer.search.answer import Located
+from localizer.search.fit.refine import Refined
+from localizer.search.locate import load_kernels, locate, observe
+from localizer.skyline.find import ColumnState, Skyline, find_skyline
 from sim.evaluate.photos.standpoints import Standpoint
 
 Floats = NDArray[np.float64]

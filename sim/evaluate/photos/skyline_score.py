@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from localizer.horizon.from_image import CONFIDENT, ColumnState, Skyline
+from localizer.skyline.find import CONFIDENT, ColumnState, Skyline
 
 Floats = NDArray[np.float64]
 

@@ -11,14 +11,14 @@ from pynmeagps import NMEAReader
 from pyproj import Transformer
 
 from localizer.fix import Fix, Position
-from rig.calibrate.place import parse_place
-from rig.config import Place
-from rig.daemon.config import NmeaOutput
-from rig.daemon.mavlink_messages import external_position_estimate, gps_input
-from rig.daemon.nmea_sentences import epoch
-from rig.daemon.published import published
-from rig.daemon.spool_index import ANSWER
-from rig.readings import Instant
+from rig.calibrate.boresight.known_place import parse_place
+from rig.clock import Instant
+from rig.config.run import NmeaOutput
+from rig.config.sections import Place
+from rig.daemon.publish.mavlink_messages import external_position_estimate, gps_input
+from rig.daemon.publish.nmea_sentences import epoch
+from rig.daemon.publish.published import published
+from rig.daemon.spool.index import ANSWER
 
 ALL = NmeaOutput().sentences
 

@@ -16,15 +16,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common
 
-from rig.daemon import mavlink
-from rig.daemon.board import Board
-from rig.daemon.config import MavlinkOutput
-from rig.daemon.mavlink import publishing
-from rig.daemon.mavlink_messages import external_position_estimate, gps_input
+from rig.clock import Instant
+from rig.config.run import MavlinkOutput
 from rig.daemon.progress import Loops
-from rig.daemon.published import published
+from rig.daemon.publish import mavlink
+from rig.daemon.publish.mavlink import publishing
+from rig.daemon.publish.mavlink_messages import external_position_estimate, gps_input
+from rig.daemon.publish.published import published
+from rig.daemon.state import Board
 from rig.errors import ConfigError
-from rig.readings import Instant
 
 SOON_S = 30.0
 """A wait that only a failing test lasts out."""

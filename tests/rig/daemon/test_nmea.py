@@ -11,11 +11,11 @@ import pytest
 from fakes.answers import an_answer
 from pynmeagps import NMEAReader
 
-from rig.daemon import tcp_broadcast
-from rig.daemon.board import Board
-from rig.daemon.config import NmeaOutput
-from rig.daemon.nmea import publishing
+from rig.config.run import NmeaOutput
 from rig.daemon.progress import Loops
+from rig.daemon.publish import tcp_broadcast
+from rig.daemon.publish.nmea import publishing
+from rig.daemon.state import Board
 from rig.errors import ConfigError
 
 SOON_S = 30.0

@@ -8,11 +8,11 @@ from fakes.answers import CAPTURED_UTC, an_answer
 from fakes.qgis import Qgis
 from pynmeagps import NMEAReader
 
-from rig.daemon.board import Board
-from rig.daemon.config import NmeaOutput
-from rig.daemon.nmea import publishing
-from rig.daemon.nmea_sentences import epoch_for_anybody
-from rig.daemon.published import published
+from rig.config.run import NmeaOutput
+from rig.daemon.publish.nmea import publishing
+from rig.daemon.publish.nmea_sentences import epoch_for_anybody
+from rig.daemon.publish.published import published
+from rig.daemon.state import Board
 
 SOON_S = 30.0
 ALL = NmeaOutput().sentences

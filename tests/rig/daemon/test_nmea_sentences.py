@@ -11,9 +11,9 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from pynmeagps import NMEAReader
 
-from rig.daemon.config import NmeaOutput
-from rig.daemon.nmea_sentences import degrees_minutes, epoch
-from rig.daemon.published import published
+from rig.config.run import NmeaOutput
+from rig.daemon.publish.nmea_sentences import degrees_minutes, epoch
+from rig.daemon.publish.published import published
 
 ALL = NmeaOutput().sentences
 NOW = CAPTURED_UTC + timedelta(seconds=20)  # of the next day

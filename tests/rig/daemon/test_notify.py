@@ -12,11 +12,11 @@ from pathlib import Path
 import pytest
 from fakes.manager import SOON_S, Manager
 
-from rig.daemon.board import Event, Subscription
+from rig.clock import Instant
 from rig.daemon.notify import Notifier, notifier_of
 from rig.daemon.progress import Loops, watchdog
+from rig.daemon.state import Event, Subscription
 from rig.errors import RigError
-from rig.readings import Instant
 
 
 @pytest.fixture(params=["path", "abstract"])
@@ -162,7 +162,7 @@ def test_a_loop_that_hangs_is_named_and_the_watchdog_left_alone(
             done.set()
     for each in heard:
         assert re.fullmatch(
-            r"STATUS=capture hangs: nothing for \d+ s, at rig\.daemon\.board line \d+, in get", each
+            r"STATUS=capture hangs: nothing for \d+ s, at rig\.daemon\.state line \d+, in get", each
         )
     hangs, gets_on = (record.getMessage() for record in caplog.records)
     assert hangs.startswith("capture hangs: nothing for ")

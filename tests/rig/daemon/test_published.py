@@ -11,9 +11,9 @@ from fakes.answers import an_answer
 from pyproj import CRS, Geod, Transformer
 
 from localizer.fix import Position
-from rig.daemon.board import Board
-from rig.daemon.published import current_fix, lapsed, published, true_covariance_m2
-from rig.readings import Instant
+from rig.clock import Instant
+from rig.daemon.publish.published import current_fix, lapsed, published, true_covariance_m2
+from rig.daemon.state import Board
 
 VALID_S = 30.0
 

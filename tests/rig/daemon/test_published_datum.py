@@ -9,10 +9,10 @@ import pytest
 from fakes.answers import an_answer
 from pydantic import ValidationError
 
-from localizer.dem_options import DemChoice
-from rig.daemon.config import RunSection
-from rig.daemon.published import published
-from rig.daemon.spool_index import ANSWER
+from localizer.dem.choice import DemChoice
+from rig.config.run import RunSection
+from rig.daemon.publish.published import published
+from rig.daemon.spool.index import ANSWER
 
 
 @pytest.mark.parametrize("added_m", [0.0, 1.0, 7.0, 15.0])

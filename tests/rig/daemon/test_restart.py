@@ -12,22 +12,22 @@ from fakes.search_worker import NO_FIX, TRACK
 from fastapi.testclient import TestClient
 
 from localizer.fix import Fix
-from localizer.track.report import TrackLine
+from localizer.track.document import TrackLine
 from localizer.track.tracker import Tracker
 from rig import clock
-from rig.daemon.board import Board
+from rig.clock import Instant
+from rig.config.run import HttpServer
 from rig.daemon.boot import asleep_s, boot_id
-from rig.daemon.config import HttpServer
 from rig.daemon.http.app import make_app
 from rig.daemon.http.map import ReliefMap
 from rig.daemon.http.relay import Relay
-from rig.daemon.published import current_fix, lapsed, newest
-from rig.daemon.search import answer_of as found_answer
-from rig.daemon.search import restore
-from rig.daemon.search_process import Found, Standing
-from rig.daemon.spool import Spool
-from rig.daemon.spool_index import Entry
-from rig.readings import Instant
+from rig.daemon.publish.published import current_fix, lapsed, newest
+from rig.daemon.search.loop import answer_of as found_answer
+from rig.daemon.search.loop import restore
+from rig.daemon.search.process import Found, Standing
+from rig.daemon.spool.index import Entry
+from rig.daemon.spool.spool import Spool
+from rig.daemon.state import Board
 
 VALID_S = 1000.0
 
@@ -185,7 +185,7 @@ def test_a_fix_of_before_the_computer_slept_is_not_current(
     board.set_answer(answer_of("a", age_s=5.0))
     assert current_fix(board.snapshot(), Instant.now(), VALID_S) is not None
     slept_s = asleep_s() + 7200.0
-    monkeypatch.setattr("rig.daemon.board.asleep_s", lambda: slept_s)
+    monkeypatch.setattr("rig.daemon.state.asleep_s", lambda: slept_s)
     assert current_fix(board.snapshot(), Instant.now(), VALID_S) is None
     board.set_answer(answer_of("b", age_s=0.0))
     assert current_fix(board.snapshot(), Instant.now(), VALID_S) is not None

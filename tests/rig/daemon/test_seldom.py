@@ -8,12 +8,13 @@ import pytest
 import structlog
 from fakes.located import answer_of
 
-from rig.daemon import seldom, tcp_broadcast
-from rig.daemon.board import Board
-from rig.daemon.config import NmeaOutput
+from rig.config.run import NmeaOutput
+from rig.daemon import seldom
 from rig.daemon.log import logging_to
-from rig.daemon.nmea import publishing
+from rig.daemon.publish import tcp_broadcast
+from rig.daemon.publish.nmea import publishing
 from rig.daemon.seldom import Seldom
+from rig.daemon.state import Board
 
 SOON_S = 30.0
 

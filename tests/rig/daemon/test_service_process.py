@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from fakes.manager import SOON_S, Manager
 
-from sim.options import EMBEDDED_DEM
+from sim.commands.options import EMBEDDED_DEM
 
 WATCHDOG_S = 1.5
 NO_DEVICES = f"""
@@ -54,7 +54,7 @@ dem = ["{EMBEDDED_DEM}"]
 # As the program rig, but for a way to have one of its loops hang: while there is the file, a probe of a device does.
 HANGING = """
 import pathlib, time
-from rig import cli
+from rig.commands import cli
 from rig.daemon import device_watch, session
 
 def probe(self, name, device, probe=device_watch.DeviceWatch._probe):

@@ -4,8 +4,8 @@ import time
 from datetime import UTC, datetime, timedelta
 
 from localizer.fix import Candidate, Fix, Nuisance, Position, Stage1Counts
-from rig.daemon.board import Answer
-from rig.readings import Instant
+from rig.clock import Instant
+from rig.daemon.state import Answer
 
 CAPTURED_UTC = datetime(2026, 11, 26, 23, 59, 58, 470_000, tzinfo=UTC)
 STAGE1 = Stage1Counts(cells=100, after_altitude=9, after={"N": 1}, points_explored=1000)

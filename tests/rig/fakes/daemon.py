@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rig.config import load_config
+from rig.config.load import load_config
 from rig.daemon.control import ControlError, ask
-from sim.command import find_command, search_path
+from sim.launch.child_command import find_command, search_path
 
 PATIENCE_S, LONG_PATIENCE_S = 120.0, 900.0
 """For anything that a daemon does; only a defect takes so long, or a machine that is very busy. The second for long tests."""

@@ -5,8 +5,8 @@ import subprocess
 
 import numpy as np
 
-from sim.command import find_command, search_path
-from sim.launcher import SimulatedRig
+from sim.launch.child_command import find_command, search_path
+from sim.launch.launcher import SimulatedRig
 
 LEG_M = 250.0
 MARGIN_CELLS = 100

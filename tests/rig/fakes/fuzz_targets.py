@@ -18,16 +18,16 @@ from localizer.errors import SkyfixError
 from localizer.track.odometry import parse_leg
 from localizer.track.tracker import Tracker
 from rig.bundle.archive import ArchiveError, bundles_of_archive
-from rig.config import load_config
-from rig.daemon.board import Board
+from rig.clock import Instant
+from rig.config.load import load_config
 from rig.daemon.control import ControlSocket
-from rig.daemon.odometry import velocity_in
+from rig.daemon.odometry.receiver import velocity_in
+from rig.daemon.state import Board
 from rig.daemon.triggers import Triggers
-from rig.dynamixel.protocol2 import StatusParser, frame
+from rig.devices.dynamixel.protocol2 import StatusParser, frame
+from rig.devices.sensors.nmea import parse_heading, parse_pressure, parse_sentence
+from rig.devices.sensors.vaisala import parse_pa50
 from rig.errors import ConfigError, MessageError
-from rig.readings import Instant
-from rig.sensors.nmea import parse_heading, parse_pressure, parse_sentence
-from rig.sensors.vaisala import parse_pa50
 
 AT = Instant.now()
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from localizer.bundle import Altitude, Bundle, Camera, Frame, sha256_of
 from localizer.fix import Candidate, Fix, Nuisance, Position, Stage1Counts, Status
-from rig.daemon.board import Answer, TriggerAnswer, TriggerSource
-from rig.readings import Instant
+from rig.clock import Instant
+from rig.daemon.state import Answer, TriggerAnswer, TriggerSource
 
 WIDTH_PX, HEIGHT_PX = 64, 48
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from localizer.details import FrameDetail, LocateDetails, LocateResult, SolvedErrors
+from localizer.dem.geodesy import rowcol_to_lonlat, rowcol_to_metric
 from localizer.fix import Candidate, Fix, Nuisance, Position, Stage1Counts
-from localizer.geodesy import rowcol_to_lonlat, rowcol_to_metric
+from localizer.search.details import FrameDetail, LocateDetails, LocateResult, SolvedErrors
 
 
 def a_result(dem, spots, status=None, covariance_m2=((25.0, 8.0), (8.0, 9.0))):

@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rig.capture import capture
-from rig.config import load_config
-from rig.directions import parse_directions
+from rig.capture.capture import capture
+from rig.config.directions import parse_directions
+from rig.config.load import load_config
+from sim.commands.options import EMBEDDED_DEM
 from sim.faults.script import Fault
-from sim.launcher import SimulatedRig, simulated_rig
-from sim.options import EMBEDDED_DEM
-from sim.scenario import Altimeter, CameraOptics, Compass, Inclinometer, Scenario, Servo
-from sim.world import World
+from sim.launch.launcher import SimulatedRig, simulated_rig
+from sim.world.scenario import Altimeter, CameraOptics, Compass, Inclinometer, Scenario, Servo
+from sim.world.truth import World
 
 WIDTH_PX, HEIGHT_PX, FOCAL_PX = 160, 120, 124.0
 HASTE = {
@@ -87,7 +87,7 @@ class Quick:
         ahead_deg = round(self.world.mechanics.base.heading_deg)
         directions = [str((ahead_deg + aside_deg) % 360) for aside_deg in (-25, 25)]
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("rig.pan_tilt._STILL_S", 0.08)
+            patch.setattr("rig.devices.pan_tilt._STILL_S", 0.08)
             return capture(config, parse_directions(directions), config.rig.bundle_dir, Silent())
 
     @property

@@ -14,16 +14,10 @@ import pytest
 
 from fakes.mjpeg_camera import MjpegServer, mjpeg_server
 from fakes.servos import POSITION, TORQUE, FakeServo, FakeServoBus
-from rig.attitude.kinematics import (
-    Attitude,
-    JointAngles,
-    camera_rotation,
-    head_rotation,
-    pan_stage_rotation,
-)
-from rig.config import RigConfig
-from rig.readings import AccelerationReading, FieldReading, PressureReading
-from rig.sensors.reviving import Reviving
+from rig.attitude.kinematics import Attitude, JointAngles, camera_rotation, head_rotation, pan_stage_rotation
+from rig.config.model import RigConfig
+from rig.devices.readings import AccelerationReading, FieldReading, PressureReading
+from rig.devices.sensors.reviving import Reviving
 
 WIDTH_PX, HEIGHT_PX, FOCAL_PX = 160, 120, 124.0
 DECLINATION_DEG = 13.0
@@ -185,16 +179,16 @@ class RunningRig:
 def running_rig(monkeypatch: pytest.MonkeyPatch, rig: FakeRig) -> Iterator[RunningRig]:
     """Serve ``rig``; what opens sensors in the code under test opens the fakes."""
     # These servos are a thread of this process, which waits for its turn where the computer is busy.
-    monkeypatch.setattr("rig.dynamixel.servo_bus._TURNAROUND_S", 0.3)
+    monkeypatch.setattr("rig.devices.dynamixel.servo_bus._TURNAROUND_S", 0.3)
     sensors = (
         FakeInclinometer(rig, "inclinometer"),
         FakeCompass(rig, "compass"),
         FakeBarometer(rig, "barometer"),
     )
     names = "open_inclinometer", "open_compass", "open_altimeter"
-    for module in ("rig.connect", "rig.check", "rig.watch.sources"):
+    for module in ("rig.devices.connect", "rig.check.check", "rig.watch.sources"):
         for name, sensor in zip(names, sensors, strict=True):
             monkeypatch.setattr(f"{module}.{name}", lambda section, s=sensor: Reviving(lambda: s))
-    monkeypatch.setattr("rig.pan_tilt._STILL_S", 0.05)  # these servos do not swing
+    monkeypatch.setattr("rig.devices.pan_tilt._STILL_S", 0.05)  # these servos do not swing
     with FakeServoBus(rig.pan, rig.tilt) as servos, mjpeg_server(rig.picture, rate_hz=40.0) as camera:
         yield RunningRig(rig, servos, camera, sensors)

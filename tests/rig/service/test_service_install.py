@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from rig.cli import main
-from rig.config import load_config
+from rig.commands.cli import main
+from rig.config.load import load_config
 from rig.errors import RigError
 from rig.service import files, reach
 

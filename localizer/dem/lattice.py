@@ -1,0 +1,210 @@
+"""The digital elevation model that is searched: one lattice of elevations, read from one or more files.
+
+A geographic DEM keeps its own lattice; nothing is resampled but files that lie on another lattice than the finest beside
+them. Rows and columns count cell centres: the value
+at (row, col) lies at ``transform @ (col + 0.5, row + 0.5)`` be the file's pixels areas or points.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from affine import Affine
+from numpy.typing import ArrayLike, NDArray
+from pyproj import CRS
+
+from localizer.dem.crs import degrees_per_unit, geographic_crs, is_metric, lattice_xy, own_lonlat_deg, utm_crs
+from localizer.dem.datum import DatumShift, datum_shift
+from localizer.dem.file import DemError, DemFile, read_tile
+from localizer.dem.heights import GEOID_RANGE_M, NODES, Heights, to_sea_level
+from localizer.dem.join import joined
+
+__all__ = ["Dem", "DemError", "dem_from_array", "load_dem"]
+
+MIN_SIDE = 3
+SPACING_RANGE_M = (0.05, 10_000.0)
+EDGE_TOLERANCE_CELLS = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Dem:
+    """Elevations on a lattice."""
+
+    z_m: NDArray[np.float32]
+    """(rows, cols), row 0 northernmost, voids NaN."""
+    crs: CRS
+    """Of the lattice, horizontal."""
+    transform: Affine
+    """From (col, row) of a cell's corner to x, y in ``crs`` (apply with @); centres at + 0.5."""
+    metric_crs: CRS
+    """``crs`` itself if it is projected in metres, else the WGS84 UTM zone of the centre."""
+    spacing_ns_m: float
+    """Metres from row to row, at the centre."""
+    spacing_ew_m: float
+    """Metres from column to column, at the centre."""
+    files: tuple[DemFile, ...] = ()
+    """Empty if the DEM does not come from files."""
+    error_m: float | None = None
+    """One standard deviation of the elevations, where somebody says it. 0: it is the terrain itself, as in a simulation."""
+    shift: DatumShift = field(default_factory=DatumShift)
+    """From ``crs`` to WGS84."""
+    heights: Heights = field(default_factory=Heights)
+    """What the elevations count from."""
+    joined_notes: tuple[str, ...] = ()
+    """What was done to files that lie on different lattices, in words."""
+
+    def to_lonlat_deg(self, x: ArrayLike, y: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """WGS84 longitude and latitude of coordinates in ``crs``."""
+        return self.shift.to_lonlat_deg(self.crs, x, y)
+
+    def from_lonlat_deg(
+        self, lon_deg: ArrayLike, lat_deg: ArrayLike
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Coordinates in ``crs`` of WGS84 longitudes and latitudes."""
+        return self.shift.from_lonlat_deg(self.crs, lon_deg, lat_deg)
+
+    @property
+    def metric_accuracy_m(self) -> float:
+        """Of eastings and northings in ``metric_crs``, by the operation between the datums; 0 where both have one datum."""
+        return 0.0 if self.metric_crs == self.crs else self.shift.accuracy_m
+
+    @property
+    def lonlat_accuracy_m(self) -> float:
+        """What WGS84 longitudes and latitudes are the more uncertain by than eastings and northings in ``metric_crs``."""
+        return self.shift.accuracy_m if self.metric_crs == self.crs else 0.0
+
+    @property
+    def rows(self) -> int:
+        return int(self.z_m.shape[0])
+
+    @property
+    def cols(self) -> int:
+        return int(self.z_m.shape[1])
+
+    @property
+    def source(self) -> tuple[Path, ...]:
+        """The files that the DEM was read from."""
+        return tuple(file.path for file in self.files)
+
+    def covers(self, row: float, col: float) -> bool:
+        """Whether a lattice position lies in one of its cells, be it a void."""
+        return -0.5 <= row <= self.rows - 0.5 and -0.5 <= col <= self.cols - 0.5
+
+    def ground_m(self, row: ArrayLike, col: ArrayLike) -> NDArray[np.float64]:
+        """Bilinear elevation, elementwise; NaN outside the lattice and where a cell that counts is void."""
+        row, col = np.broadcast_arrays(np.asarray(row, np.float64), np.asarray(col, np.float64))
+        inside = (
+            (row >= -EDGE_TOLERANCE_CELLS)
+            & (row <= self.rows - 1 + EDGE_TOLERANCE_CELLS)
+            & (col >= -EDGE_TOLERANCE_CELLS)
+            & (col <= self.cols - 1 + EDGE_TOLERANCE_CELLS)
+        )
+        r = np.where(inside, row, 0.0).clip(0.0, self.rows - 1)
+        c = np.where(inside, col, 0.0).clip(0.0, self.cols - 1)
+        r0 = np.minimum(r.astype(np.int64), self.rows - 2)
+        c0 = np.minimum(c.astype(np.int64), self.cols - 2)
+        fr, fc = r - r0, c - c0
+        ground_m = np.zeros(r.shape)
+        for dr, wr in ((0, 1.0 - fr), (1, fr)):
+            for dc, wc in ((0, 1.0 - fc), (1, fc)):
+                weight = wr * wc
+                # a void beside a point that lies exactly on a grid line does not count
+                ground_m += np.where(weight > 0.0, weight * self.z_m[r0 + dr, c0 + dc], 0.0)
+        return np.where(inside, ground_m, np.nan)
+
+
+def load_dem(
+    paths: Sequence[Path],
+    *,
+    vertical_unit: str | None = None,
+    crs: str | None = None,
+    nodata: float | None = None,
+    error_m: float | None = None,
+    band: int | None = None,
+    scale: float | None = None,
+    geoid_offset_m: float | None = None,
+) -> Dem:
+    """Read one file, or several that adjoin or overlap (where they overlap, the first counts).
+
+    Files on one lattice are taken as they are; others are brought onto the finest one's (see ``dem_join``). A path may be a
+    name that only GDAL understands (see ``dem_names``).
+
+    ``vertical_unit`` (see ``VERTICAL_UNITS``), ``crs`` (whatever pyproj understands), ``nodata`` (a further value that means
+    void, as stored), ``band`` and ``scale`` (of the stored numbers) take precedence over what the files say.
+    ``geoid_offset_m``, the geoid's height above the ellipsoid, is taken off. ``error_m``: see ``Dem``.
+
+    Raises ``DemError``.
+    """
+    if not paths:
+        raise DemError("no elevation file was named")
+    if scale is not None and not (np.isfinite(scale) and scale != 0.0):
+        raise DemError(
+            f"--scale: {scale:g} makes no elevations; name the factor of the stored numbers, as 0.1"
+        )
+    if geoid_offset_m is not None and not GEOID_RANGE_M[0] < geoid_offset_m < GEOID_RANGE_M[1]:
+        raise DemError(
+            f"--geoid-offset: {geoid_offset_m:g} m; the geoid lies between -107 and +86 m above the ellipsoid anywhere"
+        )
+    tiles = [read_tile(path, vertical_unit, crs, nodata, band, scale) for path in paths]
+    whole = joined(tiles)
+    dem = dem_from_array(whole.z_m, whole.transform, whole.crs, tuple(tile.file for tile in tiles), error_m)
+    row, col = np.meshgrid(
+        np.linspace(0, dem.rows - 1, NODES), np.linspace(0, dem.cols - 1, NODES), indexing="ij"
+    )
+    lon_deg, lat_deg = dem.to_lonlat_deg(*lattice_xy(dem.transform, row, col))
+    z_m, heights = to_sea_level(dem.z_m, lon_deg, lat_deg, tiles[0].heights, geoid_offset_m)
+    return replace(dem, z_m=z_m, heights=heights, joined_notes=whole.notes)
+
+
+def dem_from_array(
+    z_m: NDArray[np.floating],
+    transform: Affine,
+    crs: CRS,
+    files: tuple[DemFile, ...] = (),
+    error_m: float | None = None,
+) -> Dem:
+    """A DEM of elevations in metres, (rows, cols), row 0 northernmost, voids NaN, on a north-up lattice.
+
+    Raises ``DemError`` if the lattice is tiny or does not lie where the CRS is defined.
+    """
+    rows, cols = z_m.shape
+    where = ", ".join(str(file.path) for file in files) or "DEM"
+    if min(rows, cols) < MIN_SIDE:
+        raise DemError(f"{where}: {rows} x {cols} cells are too few to search")
+    if crs.is_geographic:
+        degrees = degrees_per_unit(crs)
+        south, north = (transform.f + transform.e * rows) * degrees, transform.f * degrees
+        if not -90.1 <= south < north <= 90.1:
+            raise DemError(f"{where}: its coordinates are no degrees, but its CRS is {crs.name}; see --crs")
+    # the centre, and half a cell to the west, east, north and south of it
+    row, col = (rows - 1) / 2, (cols - 1) / 2
+    x, y = lattice_xy(transform, row + np.array([0, 0, 0, -0.5, 0.5]), col + np.array([0, -0.5, 0.5, 0, 0]))
+    lon_deg, lat_deg = own_lonlat_deg(crs, x, y)
+    if not (np.isfinite(lon_deg).all() and np.isfinite(lat_deg).all()):
+        raise DemError(f"{where}: lies where {crs.name} is not defined; see --crs")
+    geod = geographic_crs(crs).get_geod()
+    assert geod is not None
+    _, _, lengths_m = geod.inv(lon_deg[[1, 3]], lat_deg[[1, 3]], lon_deg[[2, 4]], lat_deg[[2, 4]])
+    spacing_ew_m, spacing_ns_m = (float(length) for length in np.asarray(lengths_m))
+    shortest_m, longest_m = sorted((spacing_ew_m, spacing_ns_m))
+    if not SPACING_RANGE_M[0] <= shortest_m <= longest_m <= SPACING_RANGE_M[1]:
+        raise DemError(
+            f"{where}: its cells measure {spacing_ew_m:g} x {spacing_ns_m:g} m, as no elevation model's do; "
+            f"is its CRS really {crs.name}? See --crs"
+        )
+    corner_row, corner_col = np.array([0, 0, rows - 1, rows - 1]), np.array([0, cols - 1, 0, cols - 1])
+    corner_x, corner_y = lattice_xy(transform, corner_row, corner_col)
+    shift = datum_shift(crs, np.append(x[:1], corner_x), np.append(y[:1], corner_y))
+    centre_lon_deg, centre_lat_deg = shift.to_lonlat_deg(crs, x[:1], y[:1])
+    return Dem(
+        z_m=np.ascontiguousarray(z_m, np.float32),
+        crs=crs,
+        transform=transform,
+        metric_crs=crs if is_metric(crs) else utm_crs(float(centre_lon_deg[0]), float(centre_lat_deg[0])),
+        spacing_ns_m=spacing_ns_m,
+        spacing_ew_m=spacing_ew_m,
+        files=files,
+        error_m=error_m,
+        shift=shift,
+    )

@@ -1,0 +1,150 @@
+"""What is known of one standpoint: the observations along its horizon, and what the sensors say of each unknown.
+
+Unknown are the place (east, north), the altitude of the eye, the biases of azimuth and tilt that all frames share, and each
+frame's own errors of azimuth, tilt and roll. The sensors give each of them but the place a prior.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from localizer.dem.horizon import Terrain
+from localizer.observation import Observation
+from localizer.search.contours import FrameContour
+
+Floats = NDArray[np.float64]
+
+EAST, NORTH, ALTITUDE, AZIMUTH_BIAS, TILT_BIAS, FIRST_FRAME = range(6)
+PER_FRAME = 3  # azimuth, tilt, roll
+CONTOUR_DISTANCE_CELLS = 330.0
+"""What neighbouring columns share where the DEM is the terrain itself is the contour's own error, whatever the distance: as if
+all of the horizon were as far away as this. A cell is then about a pixel."""
+USUAL_CONTOUR_SHARE, LARGEST_CONTOUR_SHARE = 0.05, 0.5
+"""Of the contour's sigma, what neighbouring columns share of it then; more, and the DEM is not the terrain."""
+BLOCK_RAD = np.radians(6.0)
+"""Over which stretch of the horizon skylines of unrelated places differ by the same."""
+
+
+class Problem:
+    """The observations and priors of one standpoint, thinned to every ``stride``-th column.
+
+    ``believes_rim``: a horizon that lies where the DEM ends is taken for the true one. ``block_columns``: how many columns a
+    whole stretch of BLOCK_RAD has before any are left out; by the fullest one where it is not said.
+    """
+
+    def __init__(
+        self,
+        terrain: Terrain,
+        observation: Observation,
+        contours: tuple[FrameContour, ...],
+        stride: int = 1,
+        *,
+        believes_rim: bool = False,
+        block_columns: int | None = None,
+    ) -> None:
+        self.terrain = terrain
+        self.believes_rim = believes_rim or terrain.exact
+        self.stride = stride
+        self.observation = observation
+        self.contours = [
+            FrameContour(c.frame, np.ascontiguousarray(c.rays[::stride]), c.sigma_rad[::stride])
+            for c in contours
+        ]
+        self.frame_of = np.repeat(np.arange(len(contours)), [len(c.rays) for c in self.contours])
+        self.sigma_rad = np.concatenate([c.sigma_rad for c in self.contours])
+        self.order, self.step_rad = self._along_the_horizon()
+        self.blocks = self._blocks()
+        fullest = max(len(block) for block in self.blocks)
+        self.block_columns = -(-block_columns // stride) if block_columns else fullest
+        self.size = FIRST_FRAME + PER_FRAME * len(contours)
+        prior = np.full(self.size, np.inf)
+        prior[AZIMUTH_BIAS] = observation.azimuth_bias_sigma_deg
+        prior[TILT_BIAS] = observation.tilt_bias_sigma_deg
+        for i, c in enumerate(contours):
+            f = c.frame
+            prior[FIRST_FRAME + PER_FRAME * i :][:PER_FRAME] = (
+                f.azimuth_sigma_deg,
+                f.tilt_sigma_deg,
+                f.roll_sigma_deg,
+            )
+        # A sigma of zero is a promise nobody keeps; a millidegree keeps the equations solvable.
+        self.prior_sigma_deg = np.maximum(prior, 1e-3)
+
+    @property
+    def contour_distance_m(self) -> float:
+        """From where the error is seen that neighbouring columns share in a DEM that is the terrain itself."""
+        return CONTOUR_DISTANCE_CELLS * self.terrain.cell_m
+
+    @property
+    def usual_error_m(self) -> float:
+        """What neighbouring columns are taken to share, until the residuals tell: the DEM's error, else the contour's own."""
+        if self.terrain.exact:
+            return USUAL_CONTOUR_SHARE * self._contour_sigma_m
+        return self.terrain.usual_error_m
+
+    @property
+    def largest_error_m(self) -> float:
+        """More of it is not believed of any place."""
+        return (
+            LARGEST_CONTOUR_SHARE * self._contour_sigma_m
+            if self.terrain.exact
+            else self.terrain.largest_error_m
+        )
+
+    @property
+    def _contour_sigma_m(self) -> float:
+        return float(np.median(self.sigma_rad)) * self.contour_distance_m
+
+    def _along_the_horizon(self) -> tuple[NDArray[np.int64], Floats]:
+        """All columns in the order of their azimuths, whichever frame they are in, and the steps between them (infinite first).
+
+        Frames that overlap see the same ridge, so that their columns are neighbours.
+        """
+        azimuth = np.concatenate(
+            [
+                c.directions(c.frame.azimuth_deg, c.frame.tilt_deg, c.frame.roll_deg)[0] % (2.0 * np.pi)
+                for c in self.contours
+            ]
+        )
+        order = np.argsort(azimuth, kind="stable")
+        step = np.diff(azimuth[order], prepend=azimuth[order[-1]] - 2.0 * np.pi)
+        widest = int(step.argmax())
+        order, step = np.roll(order, -widest), np.roll(step, -widest)
+        step[0] = np.inf
+        return order, step
+
+    def _blocks(self) -> list[NDArray[np.int64]]:
+        """The columns (indices) in each stretch of BLOCK_RAD that any frame sees."""
+        place = np.cumsum(np.where(np.isfinite(self.step_rad), self.step_rad, 0.0)) // BLOCK_RAD
+        return np.split(self.order, np.flatnonzero(np.diff(place)) + 1)
+
+    def directions(self, x: Floats) -> tuple[Floats, Floats, Floats]:
+        """Azimuth and elevation (n,) in radians under the biases in ``x``, and their derivatives by tilt and roll (n, 4)."""
+        azimuths, elevations, derivatives = [], [], []
+        step = 0.01
+        for i, contour in enumerate(self.contours):
+            f = contour.frame
+            own = x[FIRST_FRAME + PER_FRAME * i :][:PER_FRAME]
+            attitude = (
+                np.array([f.azimuth_deg - x[AZIMUTH_BIAS], f.tilt_deg - x[TILT_BIAS], f.roll_deg]) - own
+            )
+            azimuth, elevation = contour.directions(*attitude)
+            tilted = contour.directions(attitude[0], attitude[1] - step, attitude[2])
+            rolled = contour.directions(attitude[0], attitude[1], attitude[2] - step)
+            azimuths.append(azimuth)
+            elevations.append(elevation)
+            derivatives.append(
+                np.column_stack(
+                    [
+                        _wrapped(tilted[0] - azimuth),
+                        tilted[1] - elevation,
+                        _wrapped(rolled[0] - azimuth),
+                        rolled[1] - elevation,
+                    ]
+                )
+                / step
+            )
+        return (np.concatenate(azimuths), np.concatenate(elevations), np.concatenate(derivatives))
+
+
+def _wrapped(radians: Floats) -> Floats:
+    return (radians + np.pi) % (2.0 * np.pi) - np.pi

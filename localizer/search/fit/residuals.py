@@ -1,0 +1,179 @@
+"""The skyline as it should be seen from a place, and how the observed one differs from it.
+
+Beside the residuals and their derivatives by all that is unknown: where the horizon is, whether something nearer hides it, and
+the ground under the camera.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from localizer.dem.geodesy import after
+from localizer.dem.horizon import EXACT_ERROR_M, horizon_around
+from localizer.search.fit.problem import (
+    ALTITUDE,
+    AZIMUTH_BIAS,
+    EAST,
+    FIRST_FRAME,
+    NORTH,
+    PER_FRAME,
+    TILT_BIAS,
+    Problem,
+)
+
+Floats = NDArray[np.float64]
+
+SLOPE_STEP_RAD = np.radians(0.06)
+SECANT_STEP_M = 0.5
+BETWEEN_CELLS = 0.1
+"""How far the ground between a DEM's cells lies from its surface, as a share of what that bends from cell to cell."""
+ROUNDED_OFF = 0.5
+"""A DEM rounds summits off: by one standard deviation so much of what a cell rises above its four neighbours."""
+STEEPEST = 5.0
+"""A skyline steeper than this is no better known across itself."""
+LATERAL_SHARE = 0.5
+"""A DEM errs sideways too; as a share of its vertical error."""
+
+
+@dataclass
+class Evaluation:
+    """What is seen from a place, column by column (n,), and the ground there."""
+
+    residual: Floats
+    jacobian: Floats
+    distance: Floats
+    """Of the horizon beyond ``Terrain.near_m``, metres; the residual is of that."""
+    near: NDArray[np.bool_]
+    """Whether the DEM has something nearer that is higher, ..."""
+    above: Floats
+    """... and by how much, radians."""
+    rim: NDArray[np.bool_]
+    """Whether the horizon lies where the DEM ends: no DEM can tell that, either."""
+    guess_m: Floats
+    """Where the horizon is, near or far."""
+    slope: Floats
+    """Of the skyline: its elevation by azimuth."""
+    error_per_m: Floats
+    """Radians in each column for a metre of the error that neighbouring columns share, ..."""
+    error_distance_m: Floats
+    """... which is correlated along a way that is seen from so far away."""
+    ground_m: float
+    ground_gradient: Floats
+    ground_sigma_m: float
+    """How uncertain the ground under the camera is even where the DEM's cells are right."""
+
+
+def evaluate(
+    problem: Problem, x: Floats, origin: tuple[float, float], frame: Floats, guess_m: Floats | None = None
+) -> Evaluation:
+    """Residuals (n,) in radians and their derivatives (n, parameters) by metres and degrees.
+
+    ``guess_m``: distances (n,) of the horizon from a place nearby.
+    """
+    terrain = problem.terrain
+    row, col = place_of(x, origin, frame)
+    ground, gradient = ground_at(problem, x, origin, frame)
+    eye = max(x[ALTITUDE], ground + 0.3) if np.isfinite(ground) else x[ALTITUDE]
+    azimuth, elevation, attitude = problem.directions(x)
+    frame_of = problem.frame_of
+    n = len(azimuth)
+    beyond_m = terrain.near_m
+    tangent, distance = horizon_around(terrain, row, col, eye, azimuth, guess_m)
+    guess_m = distance.copy()
+    near = distance < beyond_m
+    highest = np.arctan(tangent[near])
+    tangent[near], distance[near] = horizon_around(terrain, row, col, eye, azimuth[near], beyond_m=beyond_m)
+    tangent_beside, _ = horizon_around(terrain, row, col, eye, azimuth + SLOPE_STEP_RAD, distance, beyond_m)
+    seen, beside = np.arctan(tangent), np.arctan(tangent_beside)
+    above = np.zeros(n)
+    above[near] = highest - seen[near]
+    d = np.where(np.isfinite(distance), distance, 1.0)
+    slope = (beside - seen) / SLOPE_STEP_RAD
+    residual = elevation - seen
+    cos2 = np.cos(seen) ** 2
+    nearing = cos2 * (np.tan(seen) + 2.0 * terrain.drop_per_m2 * d) / d
+    jacobian = np.zeros((n, problem.size))
+    # The horizon's point stays where it is: moving right shifts it left by 1 / d, moving towards it raises it.
+    jacobian[:, EAST] = -(slope * np.cos(azimuth) / d + nearing * np.sin(azimuth))
+    jacobian[:, NORTH] = -(-slope * np.sin(azimuth) / d + nearing * np.cos(azimuth))
+    jacobian[:, ALTITUDE] = cos2 / d
+    by_tilt = attitude[:, 1] - slope * attitude[:, 0]
+    by_roll = attitude[:, 3] - slope * attitude[:, 2]
+    per_degree = np.radians(1.0)
+    jacobian[:, AZIMUTH_BIAS] = slope * per_degree
+    jacobian[:, TILT_BIAS] = by_tilt
+    index = np.arange(n)
+    jacobian[index, FIRST_FRAME + PER_FRAME * frame_of] = slope * per_degree
+    jacobian[index, FIRST_FRAME + PER_FRAME * frame_of + 1] = by_tilt
+    jacobian[index, FIRST_FRAME + PER_FRAME * frame_of + 2] = by_roll
+    row_h, col_h = after(frame, row, col, d * np.sin(azimuth), d * np.cos(azimuth))
+    rim = np.zeros(n, bool) if problem.believes_rim else terrain.is_rim(row_h, col_h)
+    steep2 = np.minimum(slope**2, STEEPEST**2)
+    if terrain.exact:
+        error_distance_m, own = np.full(n, problem.contour_distance_m), EXACT_ERROR_M
+        error_per_m = np.sqrt(1.0 + steep2) / problem.contour_distance_m
+    else:
+        error_distance_m = d
+        roughness2 = terrain.roughness_at(row_h, col_h) ** 2
+        error_per_m = np.sqrt(1.0 + LATERAL_SHARE**2 * steep2) * np.sqrt(1.0 + roughness2) / d
+        bend_m = terrain.mean_bend_m * float(terrain.roughness_at(np.array([row]), np.array([col]))[0])
+        own = float(
+            np.linalg.norm([BETWEEN_CELLS * bend_m, 0.1, ROUNDED_OFF * terrain.above_neighbours_m(row, col)])
+        )
+    return Evaluation(
+        residual=residual,
+        jacobian=jacobian,
+        distance=d,
+        near=near,
+        above=above,
+        rim=rim,
+        guess_m=guess_m,
+        slope=slope,
+        error_per_m=error_per_m,
+        error_distance_m=error_distance_m,
+        ground_m=ground,
+        ground_gradient=gradient,
+        ground_sigma_m=own,
+    )
+
+
+def secants(
+    problem: Problem, x: Floats, origin: tuple[float, float], frame: Floats, guess_m: Floats
+) -> Floats:
+    """Derivatives (n, 3) of the residuals by place and altitude, over steps of SECANT_STEP_M to either side."""
+    columns = []
+    for parameter in (EAST, NORTH, ALTITUDE):
+        step = np.zeros(problem.size)
+        step[parameter] = SECANT_STEP_M
+        ahead = evaluate(problem, x + step, origin, frame, guess_m).residual
+        behind = evaluate(problem, x - step, origin, frame, guess_m).residual
+        columns.append((ahead - behind) / (2.0 * SECANT_STEP_M))
+    return np.column_stack(columns)
+
+
+def residual_sigma(problem: Problem, here: Evaluation, s: float) -> Floats:
+    """Standard deviations (n,) of the residuals: of the contour across itself, and of what neighbouring columns share."""
+    steep2 = np.minimum(here.slope**2, STEEPEST**2)
+    return np.asarray(np.sqrt(problem.sigma_rad**2 * (1.0 + steep2) + (s * here.error_per_m) ** 2))
+
+
+def place_of(x: Floats, origin: tuple[float, float], frame: Floats) -> tuple[float, float]:
+    """Row and column of the place in ``x``, whose metres count from ``origin``."""
+    row, col = after(frame, *origin, x[EAST], x[NORTH])
+    return float(row), float(col)
+
+
+def ground_at(
+    problem: Problem, x: Floats, origin: tuple[float, float], frame: Floats
+) -> tuple[float, Floats]:
+    """Height of the ground and its gradient (east, north) over half a cell; NaN beyond the DEM."""
+    half = 0.25 * problem.terrain.cell_m
+    steps = np.array([[0.0, 0.0], [half, 0.0], [-half, 0.0], [0.0, half], [0.0, -half]])
+    places = []
+    for east, north in steps:
+        moved = np.array([x[EAST] + east, x[NORTH] + north])
+        places.append(place_of(moved, origin, frame))
+    z = problem.terrain.dem.ground_m(np.array([p[0] for p in places]), np.array([p[1] for p in places]))
+    gradient = np.array([z[1] - z[2], z[3] - z[4]]) / (2.0 * half)
+    return float(z[0]), np.where(np.isfinite(gradient), gradient, 0.0)

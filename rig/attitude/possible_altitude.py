@@ -1,0 +1,94 @@
+"""Whether an altitude can be: against the place, the elevation model, and the reference of the barometer.
+
+A chip that answers like another one, a pressure in another unit or a wrong reference gives a number that looks like any other.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rig.config.model import RigConfig
+from rig.config.sections import AltimeterSection
+from rig.errors import DeviceError
+
+if TYPE_CHECKING:
+    from localizer.dem.lattice import Dem
+
+MOST_FROM_PLACE_M = 3500.0
+"""From [place] altitude_m, which is good for a hundred kilometres. Half or twice the pressure is 4,900 m or more."""
+
+MOST_BEYOND_DEM_M = 300.0
+"""Weather since the reference (150 m) and a vertical datum of its own (110 m) are less."""
+
+ALIKE = {"ms5611": "ms5607", "ms5607": "ms5611"}
+"""Barometers that answer the same and mean another pressure."""
+
+
+@dataclass(frozen=True)
+class AltitudeBounds:
+    """Lowest and highest altitude that can be, and whose word that is."""
+
+    low_m: float
+    high_m: float
+    by: str
+
+
+def altitude_bounds(config: RigConfig, dem: "Dem | None" = None) -> tuple[AltitudeBounds, ...]:
+    """By the elevation model that is searched, by [place] where it has an altitude, and by the reference of a chip of ``ALIKE``
+    where it has none.
+    """
+    bounds = []
+    if dem is not None:
+        low_m, high_m = float(np.nanmin(dem.z_m)), float(np.nanmax(dem.z_m))
+        name = dem.source[0].name if dem.source else "the elevation model"
+        bounds.append(
+            AltitudeBounds(
+                low_m - MOST_BEYOND_DEM_M,
+                high_m + MOST_BEYOND_DEM_M,
+                f"the ground of {name} lies at {low_m:.0f} to {high_m:.0f} m",
+            )
+        )
+    if config.place is not None and "altitude_m" in config.place.model_fields_set:
+        at_m = config.place.altitude_m
+        bounds.append(_around(at_m, f"[place] altitude_m says {at_m:.0f} m"))
+    elif config.altimeter is not None and dem is None:
+        bounds += bounds_by_reference(config.altimeter)
+    return tuple(bounds)
+
+
+def bounds_by_reference(section: AltimeterSection) -> list[AltitudeBounds]:
+    """By the reference, for a chip of ``ALIKE``: where nobody else says how high the rig stands."""
+    if section.kind not in ALIKE:
+        return []
+    at_m = section.reference_altitude_m
+    by = f"the reference lies at {at_m:.0f} m and there is no [place] altitude_m that says more"
+    return [_around(at_m, by)]
+
+
+def _around(altitude_m: float, by: str) -> AltitudeBounds:
+    return AltitudeBounds(altitude_m - MOST_FROM_PLACE_M, altitude_m + MOST_FROM_PLACE_M, by)
+
+
+def require_possible(
+    altitude_m: float,
+    pressure_hpa: float,
+    section: AltimeterSection,
+    device: str,
+    bounds: Iterable[AltitudeBounds],
+) -> None:
+    """Raise ``DeviceError`` where an altitude lies beyond one of the bounds."""
+    for bound in bounds:
+        if bound.low_m <= altitude_m <= bound.high_m:
+            continue
+        problem = f"{pressure_hpa:.1f} hPa would be an altitude of {altitude_m:.0f} m, but {bound.by}"
+        remedy = "check [altimeter] reference_pressure_hpa and reference_altitude_m, [place] altitude_m, then the sensor"
+        if section.kind in ALIKE:
+            other = ALIKE[section.kind]
+            part = "half" if section.kind == "ms5611" else "twice"
+            remedy = (
+                f"an {other.upper()} read as an {section.kind.upper()} gives {part} the pressure: look at what is fitted "
+                f'([altimeter] kind = "{other}"), then {remedy}'
+            )
+        raise DeviceError(device, problem, remedy)

@@ -1,0 +1,231 @@
+"""How the camera sits against head and sensors, from the skyline that a DEM has at a known place.
+
+Unknown are the camera's azimuth, tilt and roll in the head and an error of the heading. Beside them, as well as they are known
+beforehand: where exactly the camera stood, the azimuth's error at each stop of the pan and each frame's own of tilt. Camera
+azimuth and heading are told apart by frames of one ridge at several tilts; their sum is measured best.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.attitude.kinematics import Attitude, wrapped_deg
+from rig.calibrate.boresight.horizon_profile import HorizonProfile
+from rig.calibrate.boresight.known_place import PlaceSigmas
+from rig.calibrate.boresight.ridge_errors import covariance_deg2, ridge_errors
+from rig.calibrate.boresight.search import search_turn
+from rig.calibrate.boresight.skyline_frame import Points, SkylineFrame
+from rig.calibrate.solve import Solved, solve
+from rig.config.calibration_files import CalibrationError
+
+Vector = NDArray[np.float64]
+
+LEAST_FRAMES = 3
+LEAST_SHARE = 0.25
+MISFIT_LIMIT_DEG = 0.2
+MISFIT_SIGMAS = 3.0
+DEM_FACTOR_LIMIT = 5.0
+TILT_SIGMA_LIMIT_DEG = 0.05
+PLACE_SIGMAS = 4.0
+BORESIGHT_PRIOR_DEG = 30.0
+MAD_TO_SIGMA = 1.4826
+ROUNDS = 12
+STANDS_DEG = 1e-4
+TRACED_SIGMA_DEG = 0.01
+"""A tenth of a pixel by which a bright sky makes every skyline look lower or higher: no number of points averages that away."""
+
+
+@dataclass(frozen=True)
+class BoresightFit:
+    """The camera in the head, and by how much headings have to be corrected.
+
+    ``covariance_deg2`` (3, 3) is of the sum of these two azimuths, of tilt and of roll. ``off_m`` is east, north, up of the
+    place given. ``dem_factor`` is how much worse the DEM is than told. Per point: its frame's number, azimuth and elevation as
+    seen, and what is left after the fit, degrees.
+    """
+
+    boresight: Attitude
+    heading_offset_deg: float
+    covariance_deg2: Vector
+    off_m: tuple[float, float, float]
+    misfit_deg: float
+    misfit_sigmas: float
+    dem_factor: float
+    frame: NDArray[np.int64]
+    azimuth_deg: Vector
+    elevation_deg: Vector
+    residual_deg: Vector
+
+
+def fit_boresight(
+    frames: Sequence[SkylineFrame],
+    profile: HorizonProfile,
+    start: Attitude,
+    heading_sigma_deg: float,
+    place: PlaceSigmas,
+) -> BoresightFit:
+    """Fit. ``CalibrationError`` where the skyline is hidden, or is not the one that the DEM has there."""
+    _require_skyline(frames)
+    search_deg = min(max(4.0 * heading_sigma_deg, 40.0), 180.0)
+    shift_deg, tilt_deg, roll_deg = search_turn(Points(frames), profile, start, search_deg)
+    frames = _where_the_dem_knows(frames, profile, start, shift_deg)
+    points = Points(frames)
+    stops = max(frame.stop for frame in frames) + 1
+    boresight = np.array([start.azimuth_deg, start.tilt_deg, start.roll_deg])
+    # A large turn is the camera's as far as a camera can be turned in its head, the rest the heading's.
+    of_camera_deg = shift_deg if abs(shift_deg) < 40.0 else 0.0
+    own = np.zeros(stops + len(frames))
+    first = np.concatenate(
+        [
+            boresight + np.array([of_camera_deg, tilt_deg, roll_deg]),
+            [shift_deg - of_camera_deg, 0.0, 0.0, 0.0],
+            own,
+        ]
+    )
+    stop_sigmas = {frame.stop: frame.azimuth_sigma_deg for frame in frames}
+    prior_sigmas = np.concatenate(
+        [
+            np.full(3, BORESIGHT_PRIOR_DEG),
+            [heading_sigma_deg, place.horizontal_m, place.horizontal_m, place.altitude_m],
+            [stop_sigmas[stop] for stop in range(stops)],
+            [frame.tilt_sigma_deg for frame in frames],
+        ]
+    )
+    priors_at = np.concatenate([boresight, np.zeros(4), own])
+
+    def left(unknowns: Vector) -> _Left:
+        turns_deg = unknowns[3] + unknowns[7 : 7 + stops][points.stop]
+        azimuth, elevation = points.seen(Attitude(*unknowns[:3].tolist()), turns_deg)
+        elevation = elevation + unknowns[7 + stops :][points.frame]
+        horizon, slope, sigma = profile.at(azimuth, unknowns[4:7], place.dem_m)
+        # Across the skyline: on a steep flank a small turn makes a large difference of heights.
+        across = np.sqrt(1.0 + (slope / np.cos(np.radians(elevation))) ** 2)
+        return _Left(azimuth, elevation, (elevation - horizon) / across, sigma / across)
+
+    def known(unknowns: Vector) -> Vector:
+        return np.asarray((unknowns - priors_at) / prior_sigmas)
+
+    def one_by_one(unknowns: Vector) -> Vector:
+        at = left(unknowns)
+        return np.concatenate([at.left_deg / np.hypot(points.sigma_deg, at.dem_deg), known(unknowns)])
+
+    solved = solve(one_by_one, first, loss="soft_l1")
+    at = left(solved.unknowns)
+    misfit_sigmas = MAD_TO_SIGMA * float(
+        np.median(np.abs(at.left_deg / np.hypot(points.sigma_deg, at.dem_deg)))
+    )
+    solved, dem_factor = _together(left, known, points.sigma_deg, profile, solved.unknowns)
+    at = left(solved.unknowns)
+    misfit_deg = MAD_TO_SIGMA * float(np.median(np.abs(at.left_deg)))
+    together = np.zeros((3, len(first)))
+    together[[0, 1, 2], [0, 1, 2]] = 1.0
+    together[0, 3] = 1.0
+    covariance = together @ solved.covariance @ together.T
+    covariance[1, 1] += TRACED_SIGMA_DEG**2
+    east_m, north_m, up_m = (float(x) for x in solved.unknowns[4:7])
+    fit = BoresightFit(
+        Attitude(*(wrapped_deg(float(x)) for x in solved.unknowns[:3])),
+        wrapped_deg(float(solved.unknowns[3])),
+        covariance,
+        (east_m, north_m, up_m),
+        misfit_deg,
+        misfit_sigmas,
+        dem_factor,
+        points.frame,
+        at.azimuth_deg,
+        at.elevation_deg,
+        at.left_deg,
+    )
+    _require_place(fit, place)
+    return fit
+
+
+@dataclass(frozen=True)
+class _Left:
+    """Per point: azimuth and elevation as seen, what is left across the skyline, and the DEM's sigma there, degrees."""
+
+    azimuth_deg: Vector
+    elevation_deg: Vector
+    left_deg: Vector
+    dem_deg: Vector
+
+
+def _together(
+    left: Callable[[Vector], _Left],
+    known: Callable[[Vector], Vector],
+    image_deg: Vector,
+    profile: HorizonProfile,
+    start: Vector,
+) -> tuple[Solved, float]:
+    """The fit with each point's weight beside others of the same ridge, and the DEM's factor; from one that is close."""
+    unknowns = start
+    for _ in range(ROUNDS):
+        at = left(unknowns)
+        alike = covariance_deg2(at.dem_deg, at.azimuth_deg, profile.distance(at.azimuth_deg))
+        errors = ridge_errors(at.left_deg, image_deg, at.dem_deg, alike)
+        whiten = errors.whiten
+
+        def misfit(unknowns: Vector, whiten: Vector = whiten) -> Vector:
+            return np.concatenate([whiten @ left(unknowns).left_deg, known(unknowns)])
+
+        solved = solve(misfit, unknowns)
+        moved = np.abs(solved.unknowns - unknowns)[:4]
+        unknowns = solved.unknowns
+        if moved.max() < STANDS_DEG:
+            break
+    white = errors.whiten @ left(unknowns).left_deg
+    return Solved(unknowns, solved.covariance * max(1.0, float(np.mean(white**2)))), errors.dem_factor
+
+
+def _where_the_dem_knows(
+    frames: Sequence[SkylineFrame], profile: HorizonProfile, start: Attitude, shift_deg: float
+) -> list[SkylineFrame]:
+    """The frames without what they see where the DEM ends. ``CalibrationError`` where that leaves too little."""
+    kept = []
+    for frame in frames:
+        azimuth, _ = Points([frame]).seen(start, np.full(len(frame.rays), shift_deg))
+        known = ~profile.ends(azimuth)
+        share = frame.share * float(known.mean()) if len(known) else 0.0
+        kept.append(replace(frame, rays=frame.rays[known], sigma_deg=frame.sigma_deg[known], share=share))
+    clear = sum(frame.share >= LEAST_SHARE for frame in frames)
+    left = sum(frame.share >= LEAST_SHARE for frame in kept)
+    if left < LEAST_FRAMES:
+        raise CalibrationError(
+            f"boresight: in {clear - left} of the {clear} frames that show a skyline it is where the DEM ends; take a larger"
+        )
+    return kept
+
+
+def _require_skyline(frames: Sequence[SkylineFrame]) -> None:
+    seeing = [frame for frame in frames if frame.share >= LEAST_SHARE]
+    if len(seeing) < LEAST_FRAMES:
+        shares = ", ".join(f"{frame.label} {frame.share:.0%}" for frame in frames)
+        raise CalibrationError(
+            f"boresight: the skyline shows in {len(seeing)} of {len(frames)} frames only ({shares} of the columns); "
+            "wait until clouds and haze clear the ridge, and look at lens and light"
+        )
+
+
+def _require_place(fit: BoresightFit, place: PlaceSigmas) -> None:
+    # Near ridges may be off by more than the limit and yet be as the DEM's error has them.
+    unlike = fit.misfit_deg > MISFIT_LIMIT_DEG and fit.misfit_sigmas > 1.0
+    if unlike or fit.misfit_sigmas > MISFIT_SIGMAS or fit.dem_factor > DEM_FACTOR_LIMIT:
+        raise CalibrationError(
+            f"boresight: the skyline is {fit.misfit_deg:.2f} deg ({fit.misfit_sigmas:.1f} sigma) off the DEM's at that place, "
+            f"as if its ridges were {place.dem_m * fit.dem_factor:.1f} m off: this is another place, or cloud stands for the "
+            "ridge; check --at and the sight, and calibrate again"
+        )
+    far_m = float(np.hypot(*fit.off_m[:2]))
+    if far_m > PLACE_SIGMAS * place.horizontal_m:
+        raise CalibrationError(
+            f"boresight: the skyline fits better {far_m:.0f} m away (east {fit.off_m[0]:.0f}, north {fit.off_m[1]:.0f}); "
+            "check --at, or say with --place-sigma how well it is known"
+        )
+    tilt_sigma_deg = float(np.sqrt(fit.covariance_deg2[1, 1]))
+    if tilt_sigma_deg > TILT_SIGMA_LIMIT_DEG:
+        raise CalibrationError(
+            f"boresight: the ridges are so near that the DEM's error leaves the tilt uncertain by {tilt_sigma_deg:.2f} deg; "
+            "drive where they are far: rig calibrate sites says where"
+        )

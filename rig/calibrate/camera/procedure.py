@@ -1,0 +1,182 @@
+"""Calibrate the camera: collect views of a board, live or from files, fit, show."""
+
+import glob
+import struct
+import time
+import warnings
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from PIL import Image
+
+from rig.calibrate.camera.fit import LEAST_COVERAGE, NAMES, CameraFit, coverage, coverage_grid, fit_camera
+from rig.calibrate.camera.target import Board, View
+from rig.calibrate.figures import new_figure
+from rig.calibrate.guide import Guide
+from rig.calibrate.result import Session
+from rig.config.calibration_files import CalibrationError, CameraCalibration
+from rig.devices.camera.camera import Camera
+
+STILL_PX = 0.5
+NEW_SHARE = 0.05  # of the width, by which corners have to have moved since any other view
+PATIENCE_S = 60.0
+
+
+def calibrate_camera(session: Session, board: Board, images: str | None, views_wanted: int) -> None:
+    """Guide, collect, fit and write. ``CalibrationError`` with the reason where the result is not to be trusted."""
+    section = session.config.camera
+    size_px = (section.width_px, section.height_px)
+    if images is not None:
+        views, device = views_from_files(board, images, size_px), images
+    else:
+        session.guide.ready(
+            f"Hold the board {board.text} before the camera, then move it: near and far, to all edges and corners, tilted by "
+            "30 deg and more to all sides, and keep it still for a moment each time."
+        )
+        with Camera(section) as camera:
+            camera.wait_open()
+            device = camera.identify()
+            views = views_from_camera(camera, board, size_px, views_wanted, session.guide)
+    fit = fit_camera(views, size_px)
+    value = fit.values
+    document = CameraCalibration(
+        **session.header("camera", device),
+        width_px=section.width_px,
+        height_px=section.height_px,
+        fx_px=value["fx_px"],
+        fy_px=value["fy_px"],
+        cx_px=value["cx_px"],
+        cy_px=value["cy_px"],
+        distortion=(value["k1"], value["k2"], value["p1"], value["p2"], value["k3"]),
+        sigma=fit.sigmas,
+        fit={
+            "views": fit.views,
+            "corners": len(fit.corners_px),
+            "rms_px": fit.rms_px,
+            "coverage": fit.coverage,
+            "board": board.text,
+            "dropped": ", ".join(fit.dropped),
+        },
+    )
+    rows = [(name, f"{value[name]:.5g}", f"{fit.sigmas[name]:.2g}") for name in NAMES]
+    rows.append(
+        ("residual rms, px", f"{fit.rms_px:.3f}", f"{len(fit.corners_px)} corners in {fit.views} views")
+    )
+    rows.append(("coverage", f"{fit.coverage:.0%}", f"left out: {len(fit.dropped)} views"))
+    session.finish(document, rows, draw(fit, size_px))
+
+
+def views_from_files(board: Board, pattern: str, size_px: tuple[int, int]) -> list[View]:
+    """The views in the pictures that a pattern names. ``CalibrationError`` where there are none, or of another size."""
+    paths = sorted(glob.glob(pattern, recursive=True))  # noqa: PTH207 - a pattern may be absolute
+    if not paths:
+        raise CalibrationError(f"--images {pattern}: names no file; check the folder, and quote the pattern")
+    views = []
+    for path in paths:
+        width, height = _size_px(path)  # before it is unpacked: a file of kilobytes can claim gigabytes
+        if (width, height) != size_px:
+            raise CalibrationError(
+                f"{path}: is {width} x {height} px, but [camera] says {size_px[0]} x {size_px[1]}; take pictures of that size"
+            )
+        try:
+            image = cv2.imread(path, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+        except cv2.error:
+            image = None
+        if image is None:
+            raise CalibrationError(f"{path}: is no picture that can be read; leave it out of --images")
+        view = board.find(path, np.asarray(image, np.uint8))
+        views += [view] if view else []
+    return views
+
+
+def _size_px(path: str) -> tuple[int, int]:
+    """What a picture's header says."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            with Image.open(path) as picture:
+                return picture.size
+    except (OSError, SyntaxError, ValueError, EOFError, struct.error, Image.DecompressionBombError) as error:
+        raise CalibrationError(
+            f"{path}: is no picture that can be read ({error}); leave it out of --images"
+        ) from error
+
+
+def views_from_camera(
+    camera: Camera, board: Board, size_px: tuple[int, int], wanted: int, guide: Guide
+) -> list[View]:
+    """Take a view whenever the board is held still somewhere new, until there are enough of them all over the picture.
+
+    Ends too when nothing new was shown for a minute; the fit then says what is missing.
+    """
+    views: list[View] = []
+    before: View | None = None
+    newest_s = time.monotonic()
+    while time.monotonic() - newest_s < PATIENCE_S:
+        frame = camera.frame_after(time.monotonic())
+        view = board.find(f"view {len(views) + 1}", frame.image_bgr)
+        if view and before and is_still(view, before) and is_new(view, views, size_px[0]):
+            views.append(view)
+            newest_s = time.monotonic()
+            guide.say(progress(views, size_px, wanted))
+            if len(views) >= wanted and coverage(views, size_px) >= LEAST_COVERAGE:
+                break
+        before = view
+    return views
+
+
+def is_still(view: View, before: View) -> bool:
+    """Whether the board was where it was in the frame before."""
+    moved = _moved_px(view, before)
+    return moved is not None and moved < STILL_PX
+
+
+def is_new(view: View, others: Sequence[View], width_px: int) -> bool:
+    """Whether the board is somewhere else than in all other views."""
+    moves = [_moved_px(view, other) for other in others]
+    return all(moved is None or moved > NEW_SHARE * width_px for moved in moves)
+
+
+def progress(views: Sequence[View], size_px: tuple[int, int], wanted: int) -> str:
+    """Where in the picture the board has been, as lines of characters: more corners, a fuller block."""
+    counts = coverage_grid(views, size_px)
+    blocks = np.array(list("·░▒▓█"))
+    lines = ["  " + "".join(blocks[np.clip((row + 4) // 5, 0, 4)].repeat(2)) for row in counts]
+    head = (
+        f"view {len(views)} of {wanted}: {len(views[-1].ids)} corners, {coverage(views, size_px):.0%} covered"
+    )
+    return "\n".join([head, *lines])
+
+
+def draw(fit: CameraFit, size_px: tuple[int, int]) -> Figure:
+    """Where corners were seen with what is left of them, and the residuals themselves."""
+    figure, (picture, cloud) = new_figure(
+        f"camera: {fit.rms_px:.3f} px rms, {len(fit.corners_px)} corners in {fit.views} views", 2
+    )
+    u, v = fit.corners_px.T
+    du, dv = fit.residuals_px.T
+    picture.quiver(u, v, du, dv, angles="xy", scale_units="xy", scale=0.02, width=0.0015)
+    picture.set_xlim(0, size_px[0] - 1)
+    picture.set_ylim(size_px[1] - 1, 0)
+    picture.set_aspect("equal")
+    picture.set_xlabel("corners, px; residuals 50 times as long")
+    cloud.plot(du, dv, ".", ms=2, alpha=0.5)
+    limit = max(4.0 * fit.rms_px, 0.2)
+    cloud.set_xlim(-limit, limit)
+    cloud.set_ylim(-limit, limit)
+    cloud.set_aspect("equal")
+    cloud.set_xlabel("residual, px: right")
+    cloud.set_ylabel("down")
+    return figure
+
+
+def _moved_px(view: View, other: View) -> float | None:
+    """Mean way of the corners that both show; None where these are few."""
+    common: NDArray[np.int64]
+    common, mine, theirs = np.intersect1d(view.ids, other.ids, return_indices=True)
+    if len(common) < 6:
+        return None
+    return float(np.linalg.norm(view.image_px[mine] - other.image_px[theirs], axis=1).mean())

@@ -1,0 +1,103 @@
+"""The board that a camera is shown: a ChArUco board or a chessboard, found in a picture."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.config.calibration_files import CalibrationError
+
+Vector = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+DICTIONARY = cv2.aruco.DICT_4X4_250
+LEAST_CORNERS = 12
+PRINT_PX_MM = 12  # some 300 dots an inch
+_USAGE = "give charuco:COLUMNSxROWS:SQUARE_MM:MARKER_MM or chessboard:COLUMNSxROWS:SQUARE_MM (inner corners)"
+
+
+@dataclass(frozen=True)
+class View:
+    """Corners of the board in one picture: number, place on the board (n, 3) in mm, place in the picture (n, 2) in px."""
+
+    name: str
+    ids: NDArray[np.int64]
+    board_mm: Vector
+    image_px: Vector
+
+
+@dataclass(frozen=True)
+class Board:
+    """A board, and what finds it in a picture (None where it is not seen)."""
+
+    text: str
+    find: Callable[[str, Image], View | None]
+
+
+def parse_board(text: str) -> Board:
+    """A board from its description. ``ValueError``, one sentence, where it is none."""
+    kind, *numbers = text.split(":")
+    try:
+        columns, rows = (int(part) for part in numbers[0].split("x"))
+        sizes_mm = [float(part) for part in numbers[1:]]
+    except (IndexError, ValueError):
+        raise ValueError(f"{text!r} is no board; {_USAGE}") from None
+    if min(columns, rows) < 3 or any(size <= 0.0 for size in sizes_mm):
+        raise ValueError(f"{text!r} is too small a board; {_USAGE}")
+    if kind == "charuco" and len(sizes_mm) == 2 and sizes_mm[1] < sizes_mm[0]:
+        return Board(text, _charuco_finder(charuco_board(columns, rows, *sizes_mm)))
+    if kind == "chessboard" and len(sizes_mm) == 1:
+        return Board(text, _chessboard_finder(columns, rows, sizes_mm[0]))
+    raise ValueError(f"{text!r} is no board; {_USAGE}")
+
+
+def charuco_board(columns: int, rows: int, square_mm: float, marker_mm: float) -> cv2.aruco.CharucoBoard:
+    """OpenCV's board with the first markers of its 4x4 dictionary."""
+    dictionary = cv2.aruco.getPredefinedDictionary(DICTIONARY)
+    return cv2.aruco.CharucoBoard((columns, rows), square_mm, marker_mm, dictionary)
+
+
+def print_board(text: str, path: Path) -> None:
+    """Draw a ChArUco board to be printed at its true size. ``CalibrationError`` where the file cannot be written."""
+    kind, *numbers = text.split(":")
+    if kind != "charuco":
+        raise CalibrationError(
+            f"{text}: only charuco boards are drawn; chessboards come from OpenCV's documentation"
+        )
+    columns, rows = (int(part) for part in numbers[0].split("x"))
+    square_mm, marker_mm = float(numbers[1]), float(numbers[2])
+    size_px = (round(columns * square_mm * PRINT_PX_MM), round(rows * square_mm * PRINT_PX_MM))
+    picture = charuco_board(columns, rows, square_mm, marker_mm).generateImage(size_px)
+    if not cv2.imwrite(str(path), np.asarray(picture)):
+        raise CalibrationError(f"{path}: cannot be written; choose another --out, ending in .png")
+
+
+def _charuco_finder(board: cv2.aruco.CharucoBoard) -> Callable[[str, Image], View | None]:
+    detector = cv2.aruco.CharucoDetector(board)
+    all_mm = np.asarray(board.getChessboardCorners(), float)
+
+    def find(name: str, image: Image) -> View | None:
+        corners, ids, _, _ = detector.detectBoard(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))
+        if ids is None or len(ids) < LEAST_CORNERS:
+            return None
+        numbers = np.asarray(ids, np.int64).ravel()
+        return View(name, numbers, all_mm[numbers], np.asarray(corners, float).reshape(-1, 2))
+
+    return find
+
+
+def _chessboard_finder(columns: int, rows: int, square_mm: float) -> Callable[[str, Image], View | None]:
+    grid = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).reshape(-1, 2) * square_mm
+    all_mm = np.column_stack([grid, np.zeros(len(grid))])
+
+    def find(name: str, image: Image) -> View | None:
+        gray = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+        found, corners = cv2.findChessboardCornersSB(gray, (columns, rows), flags=cv2.CALIB_CB_ACCURACY)
+        if not found:
+            return None
+        return View(name, np.arange(len(grid)), all_mm, np.asarray(corners, float).reshape(-1, 2))
+
+    return find

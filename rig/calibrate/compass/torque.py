@@ -1,0 +1,81 @@
+"""What the current that holds the head makes of the compass: read with the servos' torque, and without.
+
+A capture reads with torque, and so does the calibration: what is always the same goes into the iron of the pan stage. What
+differs from one pan angle to the other is left in the heading.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.attitude.level import in_axes
+from rig.capture.standing import Stop, read_here
+from rig.config.calibration_files import CalibrationError
+from rig.config.sections import Mmc5983maSection
+from rig.devices.connect import Rig
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class HeldAndFree:
+    """Fields (3,), uT in stage axes, with torque and without, and where the pan stood each time."""
+
+    held_ut: Vector
+    free_ut: Vector
+    held_pan_deg: float
+    free_pan_deg: float
+
+
+@dataclass(frozen=True)
+class TorqueField:
+    """What the holding current adds to the field (3,), uT in stage axes, and by how much that varies, horizontally, rms.
+
+    ``heading_deg`` is what it would turn a heading by that does not know of it, ``varying_deg`` what its variation leaves in
+    the heading of a capture.
+    """
+
+    field_ut: Vector
+    varies_ut: float
+    heading_deg: float
+    varying_deg: float
+
+
+def read_held_and_free(rig: Rig, held: Stop, section: Mmc5983maSection, duration_s: float) -> HeldAndFree:
+    """Let go of the head where a stop was just read, and read again. ``CalibrationError`` where there is no field."""
+    rig.pan_tilt.relax()
+    free = read_here(rig, rig.pan_tilt.state(), duration_s)
+    if held.field is None or free.field is None:
+        raise CalibrationError("compass: gave no field; calibrate again")
+    held_ut, free_ut = (
+        in_axes(np.array(stop.field.mean_ut), section.axes) for stop in (held, free) if stop.field
+    )
+    return HeldAndFree(held_ut, free_ut, held.joints.pan_deg, free.joints.pan_deg)
+
+
+def torque_field(
+    pairs: Sequence[HeldAndFree], stage_hard_ut: Sequence[float], horizontal_ut: float, capture_angles: int
+) -> TorqueField:
+    """The difference of the readings, but for the turn of a head that gave way when it was let go.
+
+    ``capture_angles`` is at how many pan angles a capture reads the compass before its pictures.
+    """
+    hard_ut = np.array(stage_hard_ut)
+    changes = []
+    for pair in pairs:
+        gave_way = np.radians(pair.free_pan_deg - pair.held_pan_deg)
+        c, s = np.cos(gave_way), np.sin(gave_way)
+        x, y, z = pair.free_ut - hard_ut
+        changes.append(pair.held_ut - hard_ut - [c * x + s * y, -s * x + c * y, z])
+    change_ut = np.array(changes)
+    mean_ut = change_ut.mean(axis=0)
+    off_ut = change_ut[:, :2] - mean_ut[:2]
+    varies_ut = float(np.sqrt((off_ut**2).sum() / 2.0 / max(len(pairs) - 1, 1)))
+    return TorqueField(
+        mean_ut,
+        varies_ut,
+        float(np.degrees(np.arctan2(np.hypot(*mean_ut[:2]), horizontal_ut))),
+        float(np.degrees(varies_ut / horizontal_ut)) / float(np.sqrt(capture_angles)),
+    )

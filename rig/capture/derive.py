@@ -1,0 +1,125 @@
+"""From raw readings to what a bundle says, by the configuration in force: for a capture, and later for a better one."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from localizer.bundle import Camera as BundleCamera
+from rig.attitude.kinematics import Attitude, Head, JointAngles, measured_pointing
+from rig.attitude.level import HeadLevel
+from rig.bundle.writer import FrameRecord
+from rig.capture.standing import Standing, Stop
+from rig.config.model import RigConfig
+
+MOST_SIGMA_DEG = 180.0
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A picture and what was read while it was taken; where it looked depends on how the vehicle is found to stand."""
+
+    label: str
+    image_bgr: NDArray[np.uint8]
+    time: datetime
+    stop: Stop
+    raw: Mapping[str, Any]
+
+
+def frame_record(config: RigConfig, standing: Standing, shot: Shot) -> FrameRecord:
+    """A frame of the bundle."""
+    level = shot.stop.level
+    looked = pointing(standing, shot.stop.joints, level, Head.from_config(config))
+    return FrameRecord(
+        label=shot.label,
+        image_bgr=shot.image_bgr,
+        time=shot.time,
+        azimuth_deg=looked.azimuth_deg,
+        azimuth_sigma_deg=config.pan_tilt.azimuth_sigma_deg,
+        tilt_deg=looked.tilt_deg,
+        tilt_sigma_deg=tilt_sigma_deg(config, level),
+        roll_deg=looked.roll_deg,
+        roll_sigma_deg=roll_sigma_deg(config, standing, level),
+        raw=shot.raw,
+    )
+
+
+def pointing(standing: Standing, joints: JointAngles, level: HeadLevel, head: Head) -> Attitude:
+    """Where the camera looked, from joint angles and inclinometer."""
+    return measured_pointing(
+        standing.attitude,
+        joints,
+        level.tilt_deg - standing.level.tilt_zero_deg,
+        level.roll_deg - standing.level.roll_zero_deg,
+        head.boresight,
+    )
+
+
+def azimuth_bias_sigma_deg(config: RigConfig, standing: Standing) -> float:
+    """Of the error that all azimuths share: heading, and how the camera sits in the head."""
+    both_deg = math.hypot(standing.heading.sigma_deg, config.camera.boresight_azimuth_sigma_deg)
+    return min(both_deg, MOST_SIGMA_DEG)
+
+
+def tilt_bias_sigma_deg(config: RigConfig, standing: Standing) -> float:
+    """Of the error that all tilts share: zero of the inclinometer, and how the camera sits in the head."""
+    return math.hypot(standing.level.tilt_zero_sigma_deg, config.camera.boresight_tilt_sigma_deg)
+
+
+def tilt_sigma_deg(config: RigConfig, level: HeadLevel) -> float:
+    """Of one frame's tilt."""
+    return math.hypot(config.inclinometer.tilt_sigma_deg, level.tilt_noise_deg)
+
+
+def roll_sigma_deg(config: RigConfig, standing: Standing, level: HeadLevel) -> float:
+    """Of one frame's roll. The contract has no roll bias: what is left of the zero errors goes in here."""
+    return math.hypot(
+        config.inclinometer.roll_sigma_deg,
+        level.roll_noise_deg,
+        standing.level.roll_zero_sigma_deg,
+        config.camera.boresight_roll_sigma_deg,
+    )
+
+
+def bundle_camera(config: RigConfig) -> BundleCamera:
+    """The camera as the bundle describes it."""
+    camera = config.camera
+    return BundleCamera(
+        width_px=camera.width_px,
+        height_px=camera.height_px,
+        fx_px=camera.fx_px,
+        fy_px=camera.fy_px,
+        cx_px=camera.cx_px,
+        cy_px=camera.cy_px,
+        distortion=camera.distortion,
+    )
+
+
+def calibration_record(config: RigConfig, standing: Standing) -> dict[str, Any]:
+    """What turned raw readings into calibrated ones: results on the way, configuration, and the calibration files used."""
+    return {
+        **standing.calibration,
+        "configuration": configured_calibration(config),
+        "files": {each.document.kind: each.record() for each in config.calibrations},
+    }
+
+
+def configured_calibration(config: RigConfig) -> dict[str, Any]:
+    """The configuration that was in force, with what calibrations had replaced, as JSON values.
+
+    Without the camera's URLs: they often have a password in them.
+    """
+    return config.model_dump(
+        mode="json",
+        exclude={
+            "capture": True,
+            "calibration": True,
+            "run": True,
+            "rig": {"bundle_dir", "telemetry_dir"},
+            "camera": {"source", "exposure_url"},
+        },
+    )

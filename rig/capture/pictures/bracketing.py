@@ -1,0 +1,84 @@
+"""Darker pictures of a view whose sky is burnt out: a bright sky takes haze, snow and thin ridges before it with it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from localizer.skyline.find import CONFIDENT, ColumnState, Skyline, find_skyline
+from rig.devices.camera.camera import Camera, TimedFrame, average
+from rig.errors import DeviceError
+from rig.fault_notes import note_fault
+
+Image = NDArray[np.uint8]
+
+STEPS_EV = (-1.0, -2.0, -3.0)
+BURNT_LEVEL = 250
+ABOVE_PX = (3, 8)  # over the skyline: clear of its edge, and near enough for what the sky took to be there
+BURNT_LIMIT = 0.2  # of the columns
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """Frames of one view, their mean (height, width, 3), BGR, and its skyline."""
+
+    frames: list[TimedFrame]
+    image_bgr: Image
+    skyline: Skyline
+
+    @property
+    def sure_share(self) -> float:
+        """Of the columns: those whose skyline is sure."""
+        sure = (self.skyline.state == ColumnState.OK) & (self.skyline.confidence >= CONFIDENT)
+        return float(np.mean(sure))
+
+
+def pictures_of(frames: list[TimedFrame]) -> Pictures:
+    """Average frames and find their skyline."""
+    image = average(frames)
+    return Pictures(frames, image, find_skyline(image))
+
+
+def burnt_share(image: Image, skyline: Skyline) -> float:
+    """Of the columns: those whose sky is burnt out just above the skyline, or in which all is sky and so at the bottom."""
+    burnt = image.min(axis=2) >= BURNT_LEVEL
+    height, width = burnt.shape
+    all_sky = skyline.state == ColumnState.NO_TERRAIN
+    row = np.where(np.isfinite(skyline.row_px) & ~all_sky, np.nan_to_num(skyline.row_px), height - 1)
+    rows = np.rint(row).astype(int)[:, None] - np.arange(*ABOVE_PX)
+    above = burnt[np.clip(rows, 0, height - 1), np.arange(width)[:, None]].all(axis=1)
+    return float(np.mean(above & (skyline.state != ColumnState.NO_SKY)))
+
+
+def bracketed(camera: Camera, usual: Pictures) -> Pictures:
+    """``usual``, or the brightest darker one whose sky is not burnt out, else the one that shows most of the skyline.
+
+    A camera whose exposure cannot be set is left as it is. What is taken in place of ``usual`` is noted.
+    """
+    if burnt_share(usual.image_bgr, usual.skyline) <= BURNT_LIMIT or not camera.can_expose:
+        return usual
+    tried = [(0.0, usual)]
+    try:
+        for ev in STEPS_EV:
+            camera.expose(ev)
+            darker = pictures_of(camera.frames_after(camera.settled_s(), len(usual.frames)))
+            tried.append((ev, darker))
+            if burnt_share(darker.image_bgr, darker.skyline) <= BURNT_LIMIT:
+                break
+    except DeviceError as error:
+        note_fault(error.device, error.problem, "kept the picture with the burnt-out sky")
+        return usual
+    finally:
+        restore(camera)
+    ev, best = max(reversed(tried), key=lambda each: each[1].sure_share)
+    if ev:
+        note_fault(camera.name, "its sky is burnt out", f"taken again at {ev:g} EV")
+    return best
+
+
+def restore(camera: Camera) -> None:
+    """Back to the camera's own exposure; where that fails the next pictures are dark, and a note says why."""
+    try:
+        camera.expose(0.0)
+    except DeviceError as error:
+        note_fault(error.device, error.problem, "its exposure may have stayed low")

@@ -1,0 +1,75 @@
+"""What the operator sees while a capture goes on: on a terminal a moving line, else one line a step; on stderr."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Protocol
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+from rig import feed
+
+
+class Reporter(Protocol):
+    """Takes what is going on (``doing``) and what has been done (``done``), each a short sentence."""
+
+    def doing(self, what: str) -> None:
+        """What begins now; soon replaced by the next."""
+        ...
+
+    def done(self, what: str) -> None:
+        """A step that is finished; stays visible."""
+        ...
+
+
+class Published:
+    """A reporter that also tells the telemetry."""
+
+    def __init__(self, report: Reporter) -> None:
+        self._report = report
+
+    def doing(self, what: str) -> None:
+        """Pass on."""
+        feed.publish(feed.Step("info", "capture", what))
+        self._report.doing(what)
+
+    def done(self, what: str) -> None:
+        """Pass on."""
+        feed.publish(feed.Step("info", "capture", what))
+        self._report.done(what)
+
+
+class _Lines:
+    def __init__(self, console: Console) -> None:
+        self._console = console
+
+    def doing(self, what: str) -> None:
+        pass
+
+    def done(self, what: str) -> None:
+        self._console.print(what, markup=False, highlight=False, soft_wrap=True)
+
+
+class _Bar:
+    def __init__(self, progress: Progress, steps: int) -> None:
+        self._progress = progress
+        self._task = progress.add_task("", total=steps)
+
+    def doing(self, what: str) -> None:
+        self._progress.update(self._task, description=what)
+
+    def done(self, what: str) -> None:
+        self._progress.console.print(what, markup=False, highlight=False, soft_wrap=True)
+        self._progress.advance(self._task)
+
+
+@contextmanager
+def reporting(steps: int) -> Iterator[Reporter]:
+    """A reporter for so many steps."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield _Lines(console)
+        return
+    columns = SpinnerColumn(), BarColumn(bar_width=20), TimeElapsedColumn(), TextColumn("{task.description}")
+    with Progress(*columns, console=console, transient=True) as progress:
+        yield _Bar(progress, steps)

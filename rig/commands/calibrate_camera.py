@@ -1,0 +1,48 @@
+"""``rig calibrate camera``, and the board that it looks at."""
+
+import json
+from pathlib import Path
+
+import click
+
+from rig.commands.calibrate_options import Asked, board_of, board_option, json_option, session_options
+
+
+@click.command()
+@session_options
+@board_option
+@click.option(
+    "--images", metavar="GLOB", help="Pictures of the board instead of the live camera; quote the pattern."
+)
+@click.option("--views", type=click.IntRange(10, 200), default=25, show_default=True, help="To take live.")
+def camera(asked: Asked, board_text: str, images: str | None, views: int) -> None:
+    """Intrinsics and distortion of the camera, from views of a board (see rig calibrate board).
+
+    \b
+    Examples:
+      rig calibrate camera
+      rig calibrate camera --images "shots/*.png" --board chessboard:9x6:25
+    """
+    from rig.calibrate.camera.procedure import calibrate_camera
+
+    known_board = board_of(board_text)
+    with asked.session() as session:
+        calibrate_camera(session, known_board, images, views)
+
+
+@click.command()
+@board_option
+@click.option(
+    "--out", "path", metavar="FILE", type=click.Path(path_type=Path), required=True, help="PNG to write."
+)
+@json_option
+def board(board_text: str, path: Path, as_json: bool) -> None:
+    """Draw the board for the printer: 300 dots an inch, true size. Glue it to something flat and measure a square.
+
+    Example: rig calibrate board --out board.png
+    """
+    from rig.calibrate.camera.target import print_board
+
+    board_of(board_text)
+    print_board(board_text, path)
+    click.echo(json.dumps({"file": str(path), "board": board_text}) if as_json else path)

@@ -1,0 +1,87 @@
+"""The commands ``rig run``, ``rig trigger`` and ``rig status``."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+
+from rig.commands.options import config_option
+from rig.config.calibration_files import CalibrationError
+from rig.config.load import config_path, load_config
+from rig.config.run import control_in_bad
+from rig.errors import ConfigError
+
+EXIT_STATUS = {"started": 0, "busy": 3, "not ready": 4, "stopping": 5}
+"""Of ``rig trigger``, by the daemon's answer."""
+
+
+@click.command()
+@config_option
+def run(config_file: Path | None) -> None:
+    """Capture, locate and publish until told to stop: what the vehicle lives with.
+
+    [run] of the configuration says when to capture and where to publish. SIGTERM or Ctrl-C ends it with the head let go,
+    SIGHUP has the configuration read anew (a bad one is refused as a whole), SIGUSR1 takes a capture.
+
+    \b
+    Examples:
+      rig run --config vehicle.toml
+      sim run --seed 3 -- rig run
+    """
+    from rig.daemon.service import serve  # slow to import
+
+    serve(config_path(config_file))
+
+
+@click.command()
+@config_option
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+def trigger(config_file: Path | None, as_json: bool) -> int:
+    """Ask the running daemon for a capture, and print its answer; the capture itself takes longer.
+
+    Ends with status 0 where one has been started, 3 busy, 4 not ready (it says why), 5 stopping; 2 where no rig run of this
+    configuration is there.
+
+    Example: rig trigger --config vehicle.toml
+    """
+    answer = _answer(config_file, "trigger")
+    said = f"{answer['answer']}: {answer['why']}" if "why" in answer else answer["answer"]
+    click.echo(json.dumps(answer) if as_json else said)
+    return EXIT_STATUS[answer["answer"]]
+
+
+@click.command()
+@config_option
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+def status(config_file: Path | None, as_json: bool) -> None:
+    """Say how the running daemon is: devices, the last answer, and how often what has happened.
+
+    Example: rig status --config vehicle.toml
+    """
+    from rig.daemon.status import status_text
+
+    answer = _answer(config_file, "status")
+    click.echo(json.dumps(answer) if as_json else status_text(answer))
+
+
+def _answer(config_file: Path | None, wish: str) -> dict[str, Any]:
+    """Of the daemon with this configuration; of one, too, that goes on with what it has read before this became bad."""
+    from rig.daemon.control import ControlError, ask
+    from rig.daemon.main_loop import run_of
+
+    path = config_path(config_file)
+    try:
+        run = run_of(load_config(path), path)
+    except (ConfigError, CalibrationError) as error:
+        control = control_in_bad(path)
+        try:
+            answer = ask(control, wish) if control else None
+        except ControlError:
+            answer = None
+        if answer is None:
+            raise
+        click.echo(f"rig: {error}; the daemon goes on with what it has read before, and answers", err=True)
+        return answer
+    assert run.control  # filled in when the file was read
+    return ask(run.control, wish)

@@ -1,0 +1,62 @@
+"""Reads a configuration file, with the calibrations that it names."""
+
+import errno
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from localizer.documents import DocumentError, read_toml
+from localizer.os_errors import meant_instead
+from rig.config.calibration_files import CALIBRATION_ORDER, read_calibration
+from rig.config.model import RigConfig, with_calibrations
+from rig.config.problems import joined, wrong_keys, wrong_value
+from rig.errors import ConfigError
+
+ENVIRONMENT_VARIABLE = "SKYFIX_CONFIG"
+
+
+def config_path(given: Path | None, environment: Mapping[str, str] = os.environ) -> Path:
+    """The file of ``--config``, else that of SKYFIX_CONFIG. ``ConfigError`` where neither names one."""
+    if given is not None:
+        return given
+    if environment.get(ENVIRONMENT_VARIABLE):
+        return Path(environment[ENVIRONMENT_VARIABLE])
+    raise ConfigError(
+        f"no configuration: give --config FILE or set {ENVIRONMENT_VARIABLE} (example: configs/vehicle.toml)"
+    )
+
+
+def load_config(path: Path) -> RigConfig:
+    """Read and check a configuration file; the paths in it come back relative to the file's folder.
+
+    ``ConfigError``, one line, names the file, the section and the key, and for a misspelt key the likely one.
+    """
+    try:
+        tables = read_toml(path)
+    except OSError as error:
+        raise ConfigError(
+            f"{path}: cannot be read: {error.strerror}; check --config or {ENVIRONMENT_VARIABLE}"
+            + (meant_instead(path) if error.errno == errno.ENOENT else "")
+        ) from error
+    except DocumentError as error:
+        raise ConfigError(f"{path}: {error}") from error
+    problems = list(wrong_keys(tables, RigConfig))
+    if problems:
+        raise ConfigError(f"{path}: {joined(problems)}")
+    try:
+        config = RigConfig.model_validate(tables)
+    except ValidationError as error:
+        raise ConfigError(
+            f"{path}: {joined([wrong_value(each, tables) for each in error.errors()])}"
+        ) from error
+    rig = config.rig.beside(path.parent)
+    run = config.run.beside(path.parent) if config.run else None
+    config = config.model_copy(update={"rig": rig, "run": run})
+    files = [
+        (kind, path.parent / file)
+        for kind in CALIBRATION_ORDER
+        if (file := getattr(config.calibration, kind)) is not None
+    ]
+    return with_calibrations(config, [read_calibration(file, kind) for kind, file in files])

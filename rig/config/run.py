@@ -1,0 +1,207 @@
+"""``[run]`` of the configuration: what the daemon does by itself, and where it publishes."""
+
+import re
+from pathlib import Path
+from typing import Annotated, Literal, Self, get_args
+
+from pydantic import AfterValidator, Field, ValidationError, model_validator
+
+from localizer.dem.choice import DemChoice
+from localizer.dem.names import beside
+from localizer.dem.units import VERTICAL_UNITS
+from localizer.documents import DocumentError, read_toml
+from rig.config.section import Section
+
+
+def _host_port(text: str) -> str:
+    matched = re.fullmatch(r"([^\s:\[\]]+|\[[0-9a-fA-F:.]+\]):(\d{1,5})", text)
+    if not matched or int(matched[2]) > 65535:
+        raise ValueError(f"{text!r} is no address; give HOST:PORT, for example 127.0.0.1:10110")
+    return text
+
+
+def _vertical_unit(name: str) -> str:
+    if name not in VERTICAL_UNITS:
+        raise ValueError(f"{name!r} is no unit of elevations; give one of {', '.join(VERTICAL_UNITS)}")
+    return name
+
+
+def host_and_port(address: str) -> tuple[str, int]:
+    """The parts of a ``HostPort``."""
+    host, _, port = address.rpartition(":")
+    return host.strip("[]"), int(port)
+
+
+HostPort = Annotated[str, AfterValidator(_host_port)]
+"""``HOST:PORT`` or ``[IPV6]:PORT``; port 0 lets the system choose where the daemon listens."""
+Seconds = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+OptionalSeconds = Annotated[float, Field(gt=0.0, allow_inf_nan=False)] | None
+Files = Annotated[tuple[Annotated[Path, Field(strict=False)], ...], Field(strict=False, min_length=1)]
+Addresses = Annotated[tuple[HostPort, ...], Field(strict=False)]
+
+
+class RestTrigger(Section):
+    """``[run.rest]``: a capture whenever the vehicle has come to rest after it moved."""
+
+    still_s: Seconds = 10.0
+    """At rest is who has been still for so long, ..."""
+    still_mg: Annotated[float, Field(gt=0.0, le=1000.0)] = 5.0
+    """... the accelerometer's standard deviation over a second below this; above it the vehicle moves."""
+
+
+class OdometryInput(Section):
+    """``[run.odometry]``: how the vehicle moved between captures, over UDP: NMEA VTG or RMC, or JSON legs."""
+
+    listen: HostPort = "127.0.0.1:10111"
+    speed_sigma_share: Annotated[float, Field(gt=0.0, le=1.0)] = 0.03
+    heading_sigma_deg: Annotated[float, Field(gt=0.0, le=180.0)] = 3.0
+    require_checksum: bool = True
+    """Of NMEA sentences; UDP has one of its own."""
+    accept_estimated: bool = False
+    """Whether a speed of mode E counts: dead reckoning, which wheels and gyros may well do, and a receiver guesses."""
+
+
+class SearchLimits(Section):
+    """``[run.search]``: what one search may take before it is ended as failed."""
+
+    memory_mb: Annotated[int, Field(ge=256)] = 3000
+    time_s: Seconds = 120.0
+
+
+class SpoolSection(Section):
+    """``[run.spool]``: where bundles and fixes are kept, and how much of them."""
+
+    dir: Annotated[Path, Field(strict=False)] = Path("spool")
+    quota_mb: Annotated[int, Field(ge=10)] = 2000
+
+
+SentenceKind = Literal["ZDA", "RMC", "GGA", "GBS", "GST", "HDT", "GLL"]
+
+
+class NmeaOutput(Section):
+    """``[run.nmea]``: NMEA 0183 for gpsd, plotters and QGIS."""
+
+    tcp: HostPort | None = "127.0.0.1:10110"
+    udp: Addresses = ()
+    every_s: Annotated[float, Field(ge=0.1, le=60.0)] = 1.0
+    valid_s: Seconds = 30.0
+    """A fix is current for so long after its capture; then quality 0 until the next."""
+    quality: Literal[1, 6] = 6
+    """What GGA says of a fix: 6, estimated, or 1, GPS, for programs that take nothing else."""
+    sentences: Annotated[tuple[SentenceKind, ...], Field(strict=False, min_length=1)] = get_args(SentenceKind)
+
+
+class MavlinkOutput(Section):
+    """``[run.mavlink]``: positions for ArduPilot."""
+
+    connection: Annotated[str, Field(min_length=1)]
+    """As pymavlink writes it: ``udpout:127.0.0.1:14550``, ``/dev/ttyACM0``, ..."""
+    baud: Annotated[int, Field(ge=300)] = 115200
+    messages: Annotated[
+        tuple[Literal["EXTERNAL_POSITION_ESTIMATE", "GPS_INPUT"], ...], Field(strict=False, min_length=1)
+    ] = ("EXTERNAL_POSITION_ESTIMATE",)
+    valid_s: Seconds = 30.0
+    """A fix that is answered later than so long after its capture is not sent."""
+    system_id: Annotated[int, Field(ge=1, le=255)] = 1
+    component_id: Annotated[int, Field(ge=1, le=255)] = 197
+
+
+class HttpServer(Section):
+    """``[run.http]``: the page and the programs' interface."""
+
+    listen: HostPort = "127.0.0.1:8080"
+    token_file: Annotated[Path | None, Field(strict=False)] = None
+    """Holds the token that anything which acts has to show; without one nothing can be done over HTTP, only read."""
+    names: Annotated[tuple[str, ...], Field(strict=False)] = ()
+    """By which the machine may be asked beside its host name, localhost and addresses."""
+    valid_s: Seconds = 30.0
+    """A fix is called current for so long after its capture."""
+
+
+class RunSection(Section):
+    """``[run]``: what ``rig run`` does."""
+
+    dem: Files
+    dem_error_m: Annotated[float, Field(gt=0.0, le=1000.0)] | None = None
+    """One standard deviation of its elevations, where it is known."""
+    dem_vertical_unit: Annotated[str, AfterValidator(_vertical_unit)] | None = None
+    dem_crs: Annotated[str, Field(min_length=1)] | None = None
+    dem_nodata: float | None = None
+    dem_band: Annotated[int, Field(ge=1)] | None = None
+    dem_scale: Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)] | None = None
+    """These five say of the files what they do not say themselves; as the options of ``localizer locate``."""
+    dem_geoid_offset_m: Annotated[float, Field(gt=-120.0, lt=120.0)] | None = None
+    """The geoid's height above the ellipsoid, where the elevations count from that."""
+    every_s: OptionalSeconds = None
+    """A capture so often; none by the clock where absent."""
+    retry_least_s: Seconds = 1.0
+    retry_most_s: Seconds = 60.0
+    """A device that fails is tried again after the first, then after doubling waits up to the second."""
+    check_every_s: Seconds = 60.0
+    """A device that works is asked so often, between captures, whether it still does."""
+    rest: RestTrigger | None = None
+    odometry: OdometryInput | None = None
+    search: SearchLimits = SearchLimits()
+    spool: SpoolSection = SpoolSection()
+    control: Annotated[Path | None, Field(strict=False)] = None
+    """The socket of ``rig trigger`` and ``rig status``; ``control.sock`` in the spool where absent."""
+    nmea: NmeaOutput | None = None
+    mavlink: MavlinkOutput | None = None
+    http: HttpServer | None = None
+
+    @model_validator(mode="after")
+    def _waits_grow(self) -> Self:
+        if self.retry_least_s > self.retry_most_s:
+            raise ValueError("[run] retry_least_s is longer than retry_most_s")
+        return self
+
+    @property
+    def chosen_dem(self) -> DemChoice:
+        """The elevation files and all that is said of them."""
+        return DemChoice(
+            self.dem,
+            self.dem_vertical_unit,
+            self.dem_crs,
+            self.dem_nodata,
+            self.dem_error_m,
+            self.dem_band,
+            self.dem_scale,
+            self.dem_geoid_offset_m,
+        )
+
+    def beside(self, folder: Path) -> "RunSection":
+        """The same with relative paths taken from ``folder``."""
+        http = self.http
+        if http is not None and http.token_file is not None:
+            http = http.model_copy(update={"token_file": folder / http.token_file})
+        spool_dir = folder / self.spool.dir
+        return self.model_copy(
+            update={
+                "control": folder / self.control if self.control else spool_dir / "control.sock",
+                "dem": tuple(beside(folder, file) for file in self.dem),
+                "spool": self.spool.model_copy(update={"dir": spool_dir}),
+                "http": http,
+            }
+        )
+
+
+def control_in_bad(path: Path) -> Path | None:
+    """The control socket that a configuration names which is bad elsewhere; None where it is bad in this, too.
+
+    A daemon that has refused it goes on with the one before, and whoever wants to know why has to reach it.
+    """
+    try:
+        named = read_toml(path)["run"]
+        told = {"control": named["control"]} if "control" in named else {}
+        if "dir" in named.get("spool", {}):
+            told["spool"] = {"dir": named["spool"]["dir"]}
+        return RunSection.model_validate({"dem": ["any"], **told}).beside(path.parent).control
+    except (
+        OSError,
+        DocumentError,
+        KeyError,
+        TypeError,
+        AttributeError,
+        ValidationError,
+    ):
+        return None

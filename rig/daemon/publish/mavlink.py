@@ -1,0 +1,220 @@
+"""``[run.mavlink]``: each new fix to an autopilot, once. A broken link is opened again, for as long as it takes."""
+
+import logging
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
+from types import ModuleType
+from typing import Any
+
+from rig.clock import Instant
+from rig.config.run import MavlinkOutput
+from rig.daemon.progress import Loops
+from rig.daemon.publish.mavlink_link import Link, check, opened, why_no_link
+from rig.daemon.publish.mavlink_messages import dialect, external_position_estimate, gps_input, heartbeat
+from rig.daemon.publish.published import PublishedFix, current_fix, lapsed
+from rig.daemon.state import Board
+from rig.errors import DeviceError
+
+NAME = "mavlink"
+HEARTBEAT_EVERY_S = 1.0
+HEARD_WITHIN_S = 5.0
+"""An autopilot whose heartbeat is missing for so long is gone (the MAVLink guide says four to five)."""
+POLL_EVERY_S = 0.2
+ANSWERED_WITHIN_S = 1.5
+MOST_TIMES = 3
+"""A command whose acknowledgement is missing is sent again (MAVLink's command protocol), with its age then."""
+MOST_READS = 500
+"""In one round: an autopilot that streams to us must not keep us from speaking."""
+LOOP_LONGEST_S = 30.0
+LEAST_RETRY_S, MOST_RETRY_S = 1.0, 60.0
+
+_log = logging.getLogger(__name__)
+
+
+@contextmanager
+def publishing(section: MavlinkOutput, board: Board, loops: Loops | None = None) -> Iterator[None]:
+    """Send what the board says while the context lasts; the link is a device on the board.
+
+    Raises ``ConfigError`` where pymavlink is missing or the connection is of no known kind.
+    """
+    check(section.connection)
+    common = dialect()
+    stop = threading.Event()
+    publisher = _Publisher(section, board, common)
+    board.set_device(NAME, "connecting", section.connection)
+    thread = threading.Thread(target=publisher.run, args=(stop, loops), name=NAME, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        thread.join(timeout=2.0 * POLL_EVERY_S + HEARTBEAT_EVERY_S)  # longer where a name is being looked up
+
+
+class _Publisher:
+    def __init__(self, section: MavlinkOutput, board: Board, common: ModuleType) -> None:
+        self._section = section
+        self._board = board
+        self._common = common
+        latest = board.snapshot().last_fix
+        self._sent_up_to_s = latest.captured.monotonic_s if latest else float("-inf")
+        """Captures up to here have been sent: none is sent twice, and none after a later one."""
+        newest = board.snapshot().last
+        self._seen = newest.bundle if newest else None
+        self._heard = False
+        self._owed = False
+        """The current fix was sent where no autopilot was heard, or one that has gone: who comes now has not got it."""
+
+    def run(self, stop: threading.Event, loops: Loops | None) -> None:
+        """Keep a link until ``stop``."""
+        wait_s = LEAST_RETRY_S
+        with nullcontext() if loops is None else loops.watched(NAME, LOOP_LONGEST_S):
+            while not stop.is_set():
+                try:
+                    with opened(self._section.connection, self._section.baud) as link:
+                        for heard in self._talk(link, stop):
+                            wait_s = LEAST_RETRY_S if heard else wait_s
+                            if loops is not None:
+                                loops.beat(NAME)
+                except (OSError, DeviceError) as error:
+                    self._board.set_device(
+                        NAME, "failing", f"{self._section.connection}: {why_no_link(error)}"
+                    )
+                    if loops is not None:
+                        loops.beat(NAME, within_s=wait_s + LOOP_LONGEST_S)
+                    stop.wait(wait_s)
+                    wait_s = min(2.0 * wait_s, MOST_RETRY_S)
+
+    def _talk(self, link: Link, stop: threading.Event) -> Iterator[bool]:
+        """Yields after each round whether there is an autopilot."""
+        session = _Session(link, self._section, self._common, self._board)
+        while not stop.is_set():
+            session.step()
+            self._send_new(session)
+            yield session.heard
+            stop.wait(POLL_EVERY_S)
+
+    def _send_new(self, session: "_Session") -> None:
+        now, snapshot = Instant.now(), self._board.snapshot()
+        fix = current_fix(snapshot, now, self._section.valid_s)
+        if fix is not None and fix.captured.monotonic_s > self._sent_up_to_s:
+            session.send_fix(fix, now)
+            self._sent_up_to_s = fix.captured.monotonic_s
+            self._owed = not session.heard
+        elif fix is not None and self._owed and session.heard:
+            session.send_fix_late(fix, now)
+            self._owed = False
+        elif fix is not None:
+            session.send_again(fix, now)
+        if self._heard and not session.heard:
+            self._owed = True
+        self._heard = session.heard
+        last = snapshot.last
+        if last is not None and last.bundle != self._seen:
+            self._seen = last.bundle
+            why = lapsed(last, snapshot, now, self._section.valid_s)
+            if last.fix.status == "fix" and why is not None:
+                self._board.count("mavlink fixes not sent")
+                _log.warning("mavlink: the fix of %s is not sent: %s", last.bundle, why)
+
+
+class _Session:
+    """One link from its opening to its end."""
+
+    def __init__(self, link: Link, section: MavlinkOutput, common: ModuleType, board: Board) -> None:
+        self._link = link
+        self._section = section
+        self._common = common
+        self._board = board
+        self._mav = common.MAVLink(link, srcSystem=section.system_id, srcComponent=section.component_id)
+        self._mav.robust_parsing = True  # noise comes as BAD_DATA
+        self._opened_s = time.monotonic()
+        self._heard_s: float | None = None
+        self._due_s = self._opened_s
+        self._awaited_s: float | None = None
+        """Until when the acknowledgement of the latest fix may come; None where none is missing."""
+        self._times = 0
+
+    @property
+    def heard(self) -> bool:
+        """Whether there is an autopilot at the other end."""
+        return self._heard_s is not None and time.monotonic() - self._heard_s < HEARD_WITHIN_S
+
+    def step(self) -> None:
+        """Hear what there is, and say once a second that this component is there."""
+        for _ in range(MOST_READS):
+            if not (data := self._link.read()):
+                break
+            for message in self._mav.parse_buffer(data) or ():
+                self._take(message)
+        now_s = time.monotonic()
+        if now_s < self._due_s:
+            return
+        self._due_s = max(self._due_s + HEARTBEAT_EVERY_S, now_s)
+        self._mav.send(heartbeat(self._common))
+        if "GPS_INPUT" in self._section.messages:
+            self._mav.send(gps_input(self._common, None, Instant.now().utc))
+        self._say_how_it_is()
+
+    def send_fix(self, fix: PublishedFix, now: Instant) -> None:
+        """Send a fix in each of the configured ways."""
+        self._send(fix, now)
+        self._board.count("mavlink fixes sent")
+
+    def send_fix_late(self, fix: PublishedFix, now: Instant) -> None:
+        """Send a fix that nobody has heard to the autopilot that has come since; the count has it already."""
+        self._send(fix, now)
+
+    def _send(self, fix: PublishedFix, now: Instant) -> None:
+        if "EXTERNAL_POSITION_ESTIMATE" in self._section.messages:
+            self._command(fix, now)
+            self._times = 1
+        if "GPS_INPUT" in self._section.messages:
+            self._mav.send(gps_input(self._common, fix, now.utc))
+
+    def send_again(self, fix: PublishedFix, now: Instant) -> None:
+        """Send the command of the latest fix again where an autopilot is heard that should have answered it."""
+        if self._awaited_s is None or now.monotonic_s < self._awaited_s or not self.heard:
+            return
+        if self._times == MOST_TIMES:
+            self._awaited_s = None
+            self._board.count("mavlink fixes unanswered")
+            _log.warning("mavlink: the autopilot does not answer the fix of %s", fix.bundle)
+            return
+        self._command(fix, now)
+        self._times += 1
+
+    def _command(self, fix: PublishedFix, now: Instant) -> None:
+        self._mav.send(external_position_estimate(self._common, fix, now, self._section.system_id))
+        self._awaited_s = now.monotonic_s + ANSWERED_WITHIN_S
+
+    def _take(self, message: Any) -> None:
+        if message.get_srcSystem() != self._section.system_id:
+            return
+        match message.get_type():
+            case "HEARTBEAT" if message.autopilot != self._common.MAV_AUTOPILOT_INVALID:
+                self._heard_s = time.monotonic()
+            case "COMMAND_ACK" if message.command == self._common.MAV_CMD_EXTERNAL_POSITION_ESTIMATE:
+                self._acknowledged(message.result)
+
+    def _acknowledged(self, result: int) -> None:
+        if self._awaited_s is None:  # of one that was sent again, and is answered twice
+            return
+        self._awaited_s = None
+        if result == self._common.MAV_RESULT_ACCEPTED:
+            self._board.count("mavlink fixes accepted")
+            return
+        self._board.count("mavlink fixes refused")
+        known = self._common.enums["MAV_RESULT"].get(result)
+        _log.warning("mavlink: the autopilot did not take a fix: %s", known.name if known else result)
+
+    def _say_how_it_is(self) -> None:
+        where = self._section.connection
+        if self.heard:
+            self._board.set_device(NAME, "ok", f"{where}: autopilot heard")
+        elif self._heard_s is not None or time.monotonic() - self._opened_s > HEARD_WITHIN_S:
+            self._board.set_device(
+                NAME, "failing", f"{where}: no heartbeat of system {self._section.system_id}"
+            )

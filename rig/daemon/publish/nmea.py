@@ -1,0 +1,119 @@
+"""``[run.nmea]``: a server for as many clients as come, and datagrams to those whom the configuration names."""
+
+import logging
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager, nullcontext
+from dataclasses import dataclass
+
+from rig.clock import Instant
+from rig.clock import problem as clock_problem
+from rig.config.run import NmeaOutput
+from rig.daemon.progress import Loops
+from rig.daemon.publish.nmea_sentences import epoch, epoch_for_anybody
+from rig.daemon.publish.published import current_fix, lapsed
+from rig.daemon.publish.tcp_broadcast import TcpBroadcast
+from rig.daemon.publish.udp_targets import UdpTarget
+from rig.daemon.state import Answer, Board
+
+LOOP = "nmea"
+STOP_NOTICED_S = 0.2
+LOOP_LONGEST_S = 10.0
+LEAST_RETRY_S, MOST_RETRY_S = 1.0, 60.0
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class NmeaPublisher:
+    """What is being served."""
+
+    tcp: tuple[str, int] | None
+    """Host and port where it listens."""
+
+
+@contextmanager
+def publishing(section: NmeaOutput, board: Board, loops: Loops | None = None) -> Iterator[NmeaPublisher]:
+    """Publish what the board says, every ``section.every_s``, while the context lasts.
+
+    Raises ``ConfigError`` where the address cannot be listened on.
+    """
+    stop = threading.Event()
+    targets = [UdpTarget(address, board) for address in section.udp]
+    with ExitStack() as stack:
+        server = None if section.tcp is None else TcpBroadcast(section.tcp, "[run.nmea] tcp")
+        if server is not None:
+            stack.callback(server.close)
+        for target in targets:
+            stack.callback(target.close)
+        names = [target for target in targets if not target.find(numeric=True)]
+        if names:
+            threading.Thread(target=_look_up, args=(names, stop), name="nmea names", daemon=True).start()
+        publisher = _Publisher(section, board, server, targets)
+        thread = threading.Thread(target=publisher.run, args=(stop, loops), name=LOOP, daemon=True)
+        thread.start()
+        stack.callback(thread.join)
+        stack.callback(stop.set)
+        yield NmeaPublisher(None if server is None else server.address)
+
+
+def _look_up(targets: Sequence[UdpTarget], stop: threading.Event) -> None:
+    """In a thread of its own: without a network a name takes long, and it may come to be known hours later."""
+    wait_s = LEAST_RETRY_S
+    left = list(targets)
+    while left := [target for target in left if not target.find()]:
+        if stop.wait(wait_s):
+            return
+        wait_s = min(2.0 * wait_s, MOST_RETRY_S)
+
+
+class _Publisher:
+    def __init__(
+        self, section: NmeaOutput, board: Board, server: TcpBroadcast | None, targets: Sequence[UdpTarget]
+    ) -> None:
+        self._section = section
+        self._board = board
+        self._server = server
+        self._targets = targets
+        latest = board.snapshot().last
+        self._seen = latest.bundle if latest else None
+
+    def run(self, stop: threading.Event, loops: Loops | None) -> None:
+        """Send an epoch whenever one is due, by the clock that does not step, until ``stop``."""
+        with nullcontext() if loops is None else loops.watched(LOOP, LOOP_LONGEST_S):
+            due_s = time.monotonic()
+            while not stop.is_set():
+                if loops is not None:
+                    loops.beat(LOOP)
+                now_s = time.monotonic()
+                if now_s >= due_s:
+                    self._send()
+                    due_s = max(due_s + self._section.every_s, now_s)  # what was missed is not made up for
+                self._wait(min(due_s - now_s, STOP_NOTICED_S), stop)
+
+    def _wait(self, timeout_s: float, stop: threading.Event) -> None:
+        if self._server is None:
+            stop.wait(max(timeout_s, 0.0))
+        else:
+            self._server.serve(max(timeout_s, 0.0))
+
+    def _send(self) -> None:
+        now, snapshot = Instant.now(), self._board.snapshot()
+        fix = current_fix(snapshot, now, self._section.valid_s)
+        if snapshot.last is not None and snapshot.last.bundle != self._seen:
+            self._seen = snapshot.last.bundle
+            self._tell_if_lapsed(snapshot.last, lapsed(snapshot.last, snapshot, now, self._section.valid_s))
+        how = now.utc, self._section.quality, self._section.sentences
+        dated = not any(clock_problem(utc) for utc in (now.utc, now.utc if fix is None else fix.utc))
+        if self._server is not None:
+            # who connects in the middle of a fix would never see its time change, and gpsd would not know where it ends
+            first = b"" if fix is None else epoch(None, *how, dated=dated)
+            self._server.send(epoch(fix, *how, dated=dated), first=first)
+        for target in self._targets:
+            target.send(epoch_for_anybody(fix, *how, dated=dated))
+
+    def _tell_if_lapsed(self, answer: Answer, why: str | None) -> None:
+        if answer.fix.status == "fix" and why is not None:
+            self._board.count("nmea fixes never current")
+            _log.warning("nmea: the fix of %s is not published: %s", answer.bundle, why)

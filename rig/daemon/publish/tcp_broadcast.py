@@ -1,0 +1,137 @@
+"""The same lines to everyone who has connected over TCP; nobody who is slow or gone holds up the others."""
+
+import errno
+import logging
+import selectors
+import socket
+from contextlib import suppress
+
+from rig.config.run import host_and_port
+from rig.daemon.listening import why_not_listening
+from rig.errors import ConfigError
+
+MOST_CLIENTS = 32
+WAITING_BYTES = 16_384
+"""What may wait for one client: about half a minute of sentences. Who is further behind has to connect anew."""
+UNACKNOWLEDGED_MS = 30_000
+"""A client that acknowledges nothing for so long has vanished."""
+
+_log = logging.getLogger(__name__)
+
+
+class TcpBroadcast:
+    """Listens, takes clients in and sends; what they say is read and dropped. For one thread, which it never blocks."""
+
+    def __init__(self, address: str, key: str) -> None:
+        """``key`` of the configuration is for the message. Raises ``ConfigError`` where it cannot listen."""
+        try:
+            family, _, _, _, found = socket.getaddrinfo(*host_and_port(address), type=socket.SOCK_STREAM)[0]
+            self._listener = socket.create_server(
+                (str(found[0]), int(found[1])), family=family, backlog=MOST_CLIENTS
+            )
+        except OSError as error:
+            raise ConfigError(f"{key}: cannot listen on {address}: {why_not_listening(error)}") from None
+        self._listener.setblocking(False)
+        self._selector = selectors.DefaultSelector()
+        self._selector.register(self._listener, selectors.EVENT_READ)
+        self._waiting: dict[socket.socket, bytearray] = {}
+        self._new: set[socket.socket] = set()
+
+    @property
+    def address(self) -> tuple[str, int]:
+        """Host and port where it listens, the port that the system chose."""
+        host, port = self._listener.getsockname()[:2]
+        return str(host), int(port)
+
+    @property
+    def clients(self) -> int:
+        """How many are connected."""
+        return len(self._waiting)
+
+    def send(self, data: bytes, first: bytes = b"") -> None:
+        """Send to all, as far as they take it; the rest waits for ``serve``. ``first`` goes before it to who is new."""
+        if self._listener not in self._selector.get_map():
+            self._selector.register(self._listener, selectors.EVENT_READ)
+        for client, waiting in list(self._waiting.items()):
+            if len(waiting) + len(data) > WAITING_BYTES:
+                self._drop(client, "it does not read")
+                continue
+            waiting += first + data if client in self._new else data
+            self._new.discard(client)
+            self._write(client)
+
+    def serve(self, timeout_s: float) -> None:
+        """Take in who comes, send what waits, notice who leaves; for as long as ``timeout_s``, or until something happened."""
+        for key, events in self._selector.select(timeout_s):
+            if key.fileobj is self._listener:
+                self._accept()
+                continue
+            client = key.fileobj
+            assert isinstance(client, socket.socket)
+            if events & selectors.EVENT_READ:
+                self._read(client)
+            if events & selectors.EVENT_WRITE and client in self._waiting:
+                self._write(client)
+
+    def close(self) -> None:
+        """Let all go."""
+        for client in list(self._waiting):
+            self._drop(client, None)
+        self._selector.close()
+        self._listener.close()
+
+    def _accept(self) -> None:
+        try:
+            client, address = self._listener.accept()
+        except (
+            OSError
+        ) as error:  # gone again already; or no descriptor is left, and then it would fail on and on
+            _log.warning("nmea: a client could not be taken in: %s", error.strerror)
+            self._selector.unregister(self._listener)  # until the next ``send``
+            return
+        if len(self._waiting) >= MOST_CLIENTS:
+            _log.warning("nmea: %s was turned away: %d clients are connected", address[0], MOST_CLIENTS)
+            client.close()
+            return
+        client.setblocking(False)
+        with suppress(OSError):  # it may have left meanwhile, which the first exchange will tell
+            client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            client.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, UNACKNOWLEDGED_MS)
+            # else the system would keep minutes of sentences for one that does not read
+            client.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, WAITING_BYTES)
+        self._waiting[client] = bytearray()
+        self._new.add(client)
+        self._selector.register(client, selectors.EVENT_READ)
+
+    def _read(self, client: socket.socket) -> None:
+        try:
+            if client.recv(4096) == b"":
+                self._drop(client, None)
+        except BlockingIOError:
+            return
+        except OSError as error:
+            self._broken(client, error)
+
+    def _write(self, client: socket.socket) -> None:
+        waiting = self._waiting[client]
+        try:
+            del waiting[: client.send(waiting)]
+        except BlockingIOError:
+            pass
+        except OSError as error:
+            self._broken(client, error)
+            return
+        events = selectors.EVENT_READ | (selectors.EVENT_WRITE if waiting else 0)
+        self._selector.modify(client, events)
+
+    def _broken(self, client: socket.socket, error: OSError) -> None:
+        left = error.errno in (errno.EPIPE, errno.ECONNRESET)  # with sentences unread: no event
+        self._drop(client, None if left else error.strerror)
+
+    def _drop(self, client: socket.socket, why: str | None) -> None:
+        if why is not None:
+            _log.warning("nmea: a client was let go: %s", why)
+        del self._waiting[client]
+        self._new.discard(client)
+        self._selector.unregister(client)
+        client.close()

@@ -1,0 +1,253 @@
+"""What the daemon knows at this moment: whoever finds something out puts it here, whoever publishes reads it here.
+
+One board per daemon, used from many threads. A snapshot is immutable and never waits for a device; subscribers get
+each event once, in order, and one that does not keep up loses the oldest ones and is told how many.
+"""
+
+import dataclasses
+import queue
+import threading
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any, Literal, Protocol
+
+from localizer.fix import Fix
+from localizer.track.document import TrackHypothesis
+from localizer.track.tracker import Mode
+from rig.clock import Instant
+from rig.daemon.boot import asleep_s
+
+EVENTS_WAITING = 256
+SLEPT_S = 1.0
+"""Less is a difference of clocks."""
+
+TriggerSource = Literal["interval", "rest", "command", "http", "signal", "found"]
+"""``found``: a bundle that lay in the spool, and nothing tells why it was taken."""
+TriggerAnswer = Literal["started", "busy", "not ready", "stopping"]
+DeviceState = Literal["absent", "connecting", "ok", "failing"]
+Activity = Literal["starting", "connecting", "idle", "capturing", "stopping"]
+EventKind = Literal["status", "device", "trigger", "capture", "answer", "log"]
+
+
+@dataclass(frozen=True)
+class DeviceHealth:
+    """One device: ``absent`` is one that the configuration does not have, ``failing`` one that should be there."""
+
+    name: str
+    state: DeviceState
+    detail: str
+    """Identity where it works, else the fault in one line."""
+    since: Instant
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What one bundle came to. Its position is of the moment of the capture, not of the answer."""
+
+    bundle: str
+    captured: Instant
+    answered: Instant
+    trigger: TriggerSource
+    fix: Fix
+    mode: Mode
+    hypotheses: tuple[TrackHypothesis, ...]
+    elsewhere: float
+    altitude_m: float | None
+    """Of the camera, above the DEM's vertical datum, as solved for; None where ``fix.status`` is none."""
+    vehicle_heading_deg: float | None
+    """Of the vehicle's forward axis, from true north, corrected by the solved azimuth bias."""
+    vehicle_heading_sigma_deg: float | None
+    before_start: bool = False
+    """Captured before the daemon began: nobody watched meanwhile whether the vehicle moved, so it is never current."""
+    wgs84_accuracy_m: float = 0.0
+    """What latitude and longitude are the more uncertain by than easting and northing: the way from the DEM's datum."""
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happened; ``data`` are JSON values."""
+
+    number: int
+    kind: EventKind
+    at: Instant
+    data: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """Everything at one moment. ``counts``: what has happened so often since the start, by name."""
+
+    started: Instant
+    activity: Activity
+    activity_since: Instant
+    locating: str | None
+    """The bundle that is being searched for."""
+    waiting: int
+    """Bundles in the spool that have not been located yet, that one among them."""
+    devices: tuple[DeviceHealth, ...]
+    last: Answer | None
+    """The latest answer, whatever its status."""
+    last_fix: Answer | None
+    """The latest answer that is a fix: possibly of long ago."""
+    storage: str | None = None
+    """Why the spool takes no further bundle; None where it does."""
+    moved: Instant | None = None
+    """When the vehicle was last seen to move, or the computer slept: at rest since then, as far as anybody watches."""
+    counts: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
+
+    @property
+    def degraded(self) -> bool:
+        """Whether a device that should work does not."""
+        return any(device.state in ("connecting", "failing") for device in self.devices)
+
+
+class Actions(Protocol):
+    """What publishers may ask of the daemon."""
+
+    def trigger(self, source: TriggerSource) -> TriggerAnswer:
+        """Ask for a capture; answered at once, nothing is queued."""
+        ...
+
+
+class Subscription:
+    """The events after its beginning, for one reader."""
+
+    def __init__(self) -> None:
+        self._events: queue.Queue[Event] = queue.Queue(EVENTS_WAITING)
+        self.lost = 0
+
+    def get(self, timeout_s: float) -> Event | None:
+        """The next event; None where there is none in time."""
+        try:
+            return self._events.get(timeout=timeout_s)
+        except queue.Empty:
+            return None
+
+    def put(self, event: Event) -> None:
+        """Take an event in; of one writer at a time."""
+        while True:
+            try:
+                self._events.put_nowait(event)
+                return
+            except queue.Full:
+                try:
+                    self._events.get_nowait()
+                    self.lost += 1
+                except queue.Empty:
+                    continue
+
+
+class Board:
+    """See the module."""
+
+    def __init__(self) -> None:
+        now = Instant.now()
+        self._lock = threading.Lock()
+        self._counts: Counter[str] = Counter()
+        self._subscriptions: list[Subscription] = []
+        self._events = 0
+        self._devices: dict[str, DeviceHealth] = {}
+        self._now = Snapshot(now, "starting", now, None, 0, (), None, None)
+        self._asleep_s = asleep_s()
+
+    def snapshot(self) -> Snapshot:
+        """The state at this moment."""
+        with self._lock:
+            self._note_sleep()
+            counts = MappingProxyType(dict(self._counts))
+            return dataclasses.replace(self._now, devices=tuple(self._devices.values()), counts=counts)
+
+    def _note_sleep(self) -> None:
+        """A computer that was suspended has watched nothing, and its monotonic clock, which ages go by, stood still."""
+        now_s = asleep_s()
+        if now_s - self._asleep_s > SLEPT_S:
+            self._asleep_s = now_s
+            self._now = dataclasses.replace(self._now, moved=Instant.now())
+            self._counts["times asleep"] += 1
+
+    def set_activity(self, activity: Activity) -> None:
+        """Say what the daemon does from now on; the same again is no event."""
+        with self._lock:
+            if activity != self._now.activity:
+                self._now = dataclasses.replace(self._now, activity=activity, activity_since=Instant.now())
+                self._tell("status", {"activity": activity})
+
+    def set_locating(self, bundle: str | None) -> None:
+        """Say which bundle is being searched for; the same again is no event."""
+        with self._lock:
+            if bundle != self._now.locating:
+                self._now = dataclasses.replace(self._now, locating=bundle)
+                self._tell("status", {"locating": bundle})
+
+    def set_waiting(self, bundles: int) -> None:
+        """Say how many bundles have not been located yet; the same again is no event."""
+        with self._lock:
+            if bundles != self._now.waiting:
+                self._now = dataclasses.replace(self._now, waiting=bundles)
+                self._tell("status", {"waiting": bundles})
+
+    def set_storage(self, problem: str | None) -> None:
+        """Say why the spool takes no further bundle, None where it does; the same again is no event."""
+        with self._lock:
+            if problem != self._now.storage:
+                self._now = dataclasses.replace(self._now, storage=problem)
+                self._tell("status", {"storage": problem})
+
+    def set_device(self, name: str, state: DeviceState, detail: str) -> None:
+        """Say how a device is; the same again is no event, and keeps the time since when."""
+        with self._lock:
+            before = self._devices.get(name)
+            if before is None or (before.state, before.detail) != (state, detail):
+                since = before.since if before and before.state == state else Instant.now()
+                self._devices[name] = DeviceHealth(name, state, detail, since)
+                self._tell("device", {"name": name, "state": state, "detail": detail})
+
+    def set_answer(self, answer: Answer) -> None:
+        """Say what a bundle came to."""
+        with self._lock:
+            is_fix = answer.fix.status == "fix"
+            last_fix = answer if is_fix else self._now.last_fix
+            self._now = dataclasses.replace(self._now, last=answer, last_fix=last_fix)
+            self._counts[f"answers {answer.fix.status}"] += 1
+            self._tell("answer", {"bundle": answer.bundle, "status": answer.fix.status, "mode": answer.mode})
+
+    def restore(self, last: Answer, last_fix: Answer | None) -> None:
+        """Take over what was known before a restart. No event, and nothing to count: it has happened already."""
+        with self._lock:
+            self._now = dataclasses.replace(self._now, last=last, last_fix=last_fix)
+
+    def set_moving(self) -> None:
+        """Say that the vehicle moves at this moment; no event, for it may be said many times a second."""
+        with self._lock:
+            self._now = dataclasses.replace(self._now, moved=Instant.now())
+
+    def count(self, what: str, by: int = 1) -> None:
+        """Count something that happened."""
+        with self._lock:
+            self._counts[what] += by
+
+    def tell(self, kind: EventKind, **data: Any) -> None:
+        """Tell the subscribers of something that leaves the state as it is."""
+        with self._lock:
+            self._tell(kind, data)
+
+    @contextmanager
+    def subscribed(self) -> Iterator[Subscription]:
+        """The events from now on, while the context lasts."""
+        subscription = Subscription()
+        with self._lock:
+            self._subscriptions.append(subscription)
+        try:
+            yield subscription
+        finally:
+            with self._lock:
+                self._subscriptions.remove(subscription)
+
+    def _tell(self, kind: EventKind, data: Mapping[str, Any]) -> None:
+        self._events += 1
+        event = Event(self._events, kind, Instant.now(), data)
+        for subscription in self._subscriptions:
+            subscription.put(event)

@@ -1,0 +1,166 @@
+"""A serial port that never blocks for ever and fails in one way.
+
+pyserial raises ``SerialException``, ``OSError`` and ``termios.error`` (which is no ``OSError``) for the same
+unplugged cable, depending on the call; here all of them are one ``LostPortError`` that names the port. The port is
+closed then, and opened again with the next call: an adapter that was pulled out and plugged in again is another
+device under the same lasting name.
+"""
+
+import contextlib
+import errno
+import logging
+import select
+import termios
+from collections.abc import Iterator
+from pathlib import Path
+
+import serial
+
+from rig import sysfs
+from rig.devices.bus import tap
+from rig.devices.bus.deadline import Deadline
+from rig.errors import DeviceError, LostPortError
+from rig.fault_notes import note_fault
+
+_log = logging.getLogger(__name__)
+
+_READ_BYTES = 4096
+_WRITE_TIMEOUT_S = 1.0
+MOST_LATENCY_MS = 4
+_FAILURES = (OSError, termios.error, ValueError)  # SerialException is an OSError
+
+_REMEDIES = {
+    errno.ENOENT: (
+        "there is no such port",
+        "plug the adapter in, or correct `port` (/dev/serial/by-id is stable)",
+    ),
+    errno.EACCES: ("may not be opened by this user", "add the user to the group of the port, often dialout"),
+    errno.EBUSY: ("is in use", "end the other program that has it open"),
+    errno.EAGAIN: ("is in use", "end the other program that has it open"),
+    errno.ENOTTY: ("cannot be opened: it is no serial port", "correct `port` (/dev/serial/by-id is stable)"),
+    errno.EISDIR: ("cannot be opened: it is a folder", "name the port in it, with `port`"),
+    errno.ENOTDIR: ("there is no such port", "correct `port` (/dev/serial/by-id is stable)"),
+    errno.ENXIO: ("has gone away", "plug the adapter in again"),
+    errno.ENODEV: ("has gone away", "plug the adapter in again"),
+    errno.ELOOP: ("is a link that leads to itself", "correct `port`"),
+}
+_PORTS = ("serial/by-id/*", "ttyUSB*", "ttyACM*")
+_PORTS_SHOWN = 4
+_BAUD = ("cannot be opened: it has no such baud rate", "correct `baud`, or take another adapter")
+
+
+class SerialPort:
+    """A raw 8N1 serial port, opened for this process alone.
+
+    Raises ``DeviceError`` where it cannot be opened (absent, in use, not permitted, no serial port at all).
+    ``path`` is a device file, best one of /dev/serial/by-id: a re-plugged adapter gets another ttyUSB number.
+    Every method but ``close`` raises ``LostPortError`` where the port has gone away and is not back.
+    """
+
+    def __init__(self, path: str, baud: int) -> None:
+        self.path = path
+        self.baud = baud
+        with _errors(DeviceError, path, "cannot be opened", "check `port` and `baud`"):
+            self._serial: serial.Serial | None = self._open()
+
+    def _open(self) -> serial.Serial:
+        port = serial.Serial(
+            self.path,
+            self.baud,
+            timeout=0,
+            write_timeout=_WRITE_TIMEOUT_S,
+            exclusive=True,
+            bytesize=serial.EIGHTBITS,
+        )
+        # FTDI adapters hold bytes back for 16 ms unless asked not to. A pty has no such setting and needs
+        # none.
+        try:
+            port.set_low_latency_mode(True)
+        except (ValueError, OSError) as error:
+            _log.debug("%s has no low-latency mode: %s", self.path, error)
+        latency_ms = sysfs.serial_latency_ms(self.path)
+        if latency_ms is not None and latency_ms > MOST_LATENCY_MS:
+            note_fault(
+                f"serial port {self.path}",
+                f"its adapter holds bytes back for {latency_ms} ms, and keeps doing so",
+                f"went on, slower; as root: echo 1 > {sysfs.serial_latency_file(self.path)}, or a udev rule for it",
+            )
+        return port
+
+    def read(self, deadline: Deadline) -> bytes:
+        """What has arrived, waiting until the deadline for a first byte; empty if none came."""
+        with self._working() as port:
+            readable, _, _ = select.select([port.fileno()], [], [], deadline.remaining_s)
+            data: bytes = port.read(_READ_BYTES) if readable else b""
+        if data:
+            tap.serial_bytes(self.path, "received", data)
+        return data
+
+    def write(self, data: bytes) -> None:
+        """Send all of ``data``. A port that does not take it within a second counts as lost."""
+        with self._working() as port:
+            tap.serial_bytes(self.path, "sent", data)
+            port.write(data)
+
+    def discard_input(self) -> None:
+        """Throw away what has arrived and was not read."""
+        with self._working() as port:
+            port.reset_input_buffer()
+
+    def close(self) -> None:
+        """Give the port back. Closing twice is no error, nor is closing one that is gone."""
+        port, self._serial = self._serial, None
+        if port is not None:
+            with contextlib.suppress(*_FAILURES):
+                port.close()
+
+    @contextlib.contextmanager
+    def _working(self) -> Iterator[serial.Serial]:
+        try:
+            with _errors(LostPortError, self.path, "stopped working", "check the cable and the adapter"):
+                if self._serial is None:
+                    self._serial = self._open()
+                yield self._serial
+        except LostPortError:
+            self.close()
+            raise
+
+
+@contextlib.contextmanager
+def _errors(kind: type[DeviceError], path: str, problem: str, remedy: str) -> Iterator[None]:
+    try:
+        yield
+    except _FAILURES as error:
+        problem, remedy = _REMEDIES.get(_errno(error), (f"{problem} ({_reason(error)})", remedy))
+        if _errno(error) == errno.ENOENT:
+            remedy += _ports_there(path)
+        if isinstance(error, ValueError) and "aud rate" in str(error):
+            problem, remedy = _BAUD
+        elif isinstance(error, serial.SerialTimeoutException):
+            problem, remedy = (
+                "takes nothing that is sent",
+                "see that no flow control holds it; plug the adapter in again",
+            )
+        elif "multiple access" in str(error):
+            remedy = "check the cable and the adapter, and that no other program reads the port"
+        raise kind(f"serial port {path}", problem, remedy) from error
+
+
+def _ports_there(path: str) -> str:
+    """The ports of this computer, to follow a remedy; the one that was meant where only /dev is missing."""
+    if not path.startswith("/") and Path("/dev", path).exists():
+        return f"; did you mean /dev/{path}?"
+    there = [str(each) for pattern in _PORTS for each in sorted(Path("/dev").glob(pattern))]
+    shown = ", ".join(there[:_PORTS_SHOWN]) + (
+        f" and {len(there) - _PORTS_SHOWN} more" if len(there) > _PORTS_SHOWN else ""
+    )
+    return f"; there is {shown}" if there else ""
+
+
+def _errno(error: Exception) -> int:
+    number = error.args[0] if error.args else None
+    return number if isinstance(number, int) else 0
+
+
+def _reason(error: Exception) -> str:
+    return str(error.args[-1]) if error.args else type(error).__name__

@@ -1,0 +1,141 @@
+"""From a configuration to open devices, one function each, and all of them together."""
+
+from collections.abc import Iterator
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from functools import partial
+
+from rig.config.model import RigConfig
+from rig.config.sections import (
+    AltimeterSection,
+    CompassSection,
+    I2cAltimeterSection,
+    InclinometerSection,
+    Mmc5983maSection,
+    PanTiltSection,
+)
+from rig.devices.bus.i2c_chip import open_chip
+from rig.devices.camera.camera import Camera
+from rig.devices.pan_tilt import PanTilt
+from rig.devices.readings import AccelerationReading, FieldReading, HeadingReading, PressureReading
+from rig.devices.sensors.adxl355 import Adxl355
+from rig.devices.sensors.bmp3 import Bmp3
+from rig.devices.sensors.iis2iclx import Iis2iclx
+from rig.devices.sensors.mmc5983ma import Mmc5983ma
+from rig.devices.sensors.ms5611 import Ms5611
+from rig.devices.sensors.reviving import Reviving, Sensor
+from rig.devices.sensors.talker import nmea_barometer, nmea_compass, vaisala_pa50
+from rig.errors import DeviceError
+from rig.fault_notes import note_fault
+
+SENSORS_AT_ONCE = 3
+
+Inclinometer = Sensor[AccelerationReading]
+Compass = Sensor[FieldReading] | Sensor[HeadingReading]
+Altimeter = Sensor[PressureReading]
+
+
+@dataclass(frozen=True)
+class Rig:
+    """All devices, open; None where the configuration has none."""
+
+    config: RigConfig
+    pan_tilt: PanTilt
+    inclinometer: Inclinometer
+    compass: Compass | None
+    altimeter: Altimeter | None
+    camera: Camera
+    readers: Executor
+    """Threads for sensors that are read at the same time; no sensor in two at once."""
+
+
+def open_inclinometer(section: InclinometerSection) -> Inclinometer:
+    """The accelerometer chip, measuring."""
+    if section.chip == "adxl355":
+        return Reviving(partial(open_chip, Adxl355, section.bus, section.address))
+    return Reviving(partial(open_chip, Iis2iclx, section.bus, section.address))
+
+
+def open_compass(section: CompassSection) -> Compass:
+    """The magnetometer chip or the talker."""
+    if isinstance(section, Mmc5983maSection):
+        return Reviving(partial(open_chip, Mmc5983ma, section.bus, section.address))
+    return Reviving(
+        partial(
+            nmea_compass,
+            section.port,
+            section.baud,
+            require_checksum=section.require_checksum,
+            sentence=section.sentence,
+        )
+    )
+
+
+def open_altimeter(section: AltimeterSection) -> Altimeter:
+    """The barometer chip or the talker."""
+    if isinstance(section, I2cAltimeterSection):
+        if section.kind == "ms5611" or section.kind == "ms5607":
+            return Reviving(
+                partial(open_chip, partial(Ms5611, model=section.kind), section.bus, section.address)
+            )
+        return Reviving(partial(open_chip, partial(Bmp3, model=section.kind), section.bus, section.address))
+    if section.kind == "nmea":
+        return Reviving(
+            partial(
+                nmea_barometer,
+                section.port,
+                section.baud,
+                require_checksum=section.require_checksum,
+                transducer=section.transducer,
+            )
+        )
+    return Reviving(partial(vaisala_pa50, section.port, section.baud))
+
+
+def open_pan_tilt(section: PanTiltSection) -> PanTilt:
+    """The head, without torque: nothing moves."""
+    return PanTilt(section)
+
+
+@contextmanager
+def connect(config: RigConfig, *, spare: bool = False) -> Iterator[Rig]:
+    """All devices, opened and their identities checked; closed whatever happens, the head's torque off first.
+
+    Raises what the drivers raise for the first device that is absent, another one, or broken. With ``spare`` a compass or
+    an altimeter that fails is left out, out of the rig's ``config`` too, and noted: without them there are measurements still.
+    """
+    with ExitStack() as stack:
+        camera = stack.enter_context(Camera(config.camera))  # opens in its own thread meanwhile
+        inclinometer = open_inclinometer(config.inclinometer)
+        stack.callback(inclinometer.close)
+        compass = altimeter = None
+        if config.compass:
+            with _sparing(spare, "heading unknown"):
+                compass = open_compass(config.compass)
+                stack.callback(compass.close)
+        if config.altimeter:
+            with _sparing(spare, "altitude unknown"):
+                altimeter = open_altimeter(config.altimeter)
+                stack.callback(altimeter.close)
+        fitted = {
+            "compass": config.compass if compass else None,
+            "altimeter": config.altimeter if altimeter else None,
+        }
+        camera.wait_open()
+        readers = stack.enter_context(ThreadPoolExecutor(SENSORS_AT_ONCE, "reader"))
+        pan_tilt = stack.enter_context(open_pan_tilt(config.pan_tilt))
+        yield Rig(
+            config.model_copy(update=fitted), pan_tilt, inclinometer, compass, altimeter, camera, readers
+        )
+
+
+@contextmanager
+def _sparing(spare: bool, without: str) -> Iterator[None]:
+    """Go on without a device that fails, where that is wished."""
+    try:
+        yield
+    except DeviceError as error:
+        if not spare:
+            raise
+        note_fault(error.device, error.problem, f"left out: {without}")

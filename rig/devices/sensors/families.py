@@ -1,0 +1,72 @@
+"""What else talks on serial ports: told by how it begins, so that a message can say what is heard instead."""
+
+import contextlib
+import re
+
+from rig.devices.sensors.nmea_sentence import parse_sentence
+from rig.errors import MessageError
+
+USUAL_BAUDS = (4800, 9600, 38400, 19200, 115200, 57600)
+LEAST_TEXT_SHARE = 0.8
+
+_FAMILIES: tuple[tuple[bytes, str], ...] = (
+    (rb"\xb5\x62", "u-blox UBX"),
+    (rb"\xa0\xa2", "SiRF binary"),
+    (rb"\xaa\x44[\x12\x13\x1c]", "NovAtel binary"),
+    (rb"\xd3[\x00-\x03].", "RTCM 3"),
+    (rb"\xff\xff\xfd\x00", "Dynamixel protocol 2"),
+    (rb"\x10\x02\x93", "NMEA 2000 by an Actisense gateway"),
+    (rb"[\xfd\xfe].{5,}", "MAVLink"),
+    (rb"\x01P\x021", "Vaisala PA50"),
+    (rb"\$PCDIN,", "NMEA 2000 by a SeaSmart gateway"),
+    (rb"\s*[{\[]\s*[\"{\[]", "JSON"),
+    (rb"\s*[+-]?\d+(\.\d+)?([ ,;\t]+[+-]?\d+(\.\d+)?)*\s*", "plain numbers"),
+)
+_PATTERNS = [(re.compile(pattern, re.DOTALL), name) for pattern, name in _FAMILIES]
+_WHOLE = "plain numbers"
+_TEXT = frozenset(range(0x20, 0x7F)) | set(b"\t\r\n\x00\x01\x02\x03")
+
+
+def family_of(data: bytes) -> str | None:
+    """The protocol of a line or of the beginning of a stream, as its users call it; None where nothing is recognized."""
+    for pattern, name in _PATTERNS:
+        if pattern.fullmatch(data) if name == _WHOLE else pattern.match(data):
+            return name
+    return None
+
+
+def is_text(data: bytes) -> bool:
+    """Whether most bytes are printable, as they are at the right baud rate."""
+    return sum(byte in _TEXT for byte in data) >= LEAST_TEXT_SHARE * len(data)
+
+
+def other_format(line: bytes) -> str | None:
+    """What a line that is no sentence is, where it is no damaged one either: another family, or text of its own."""
+    family = family_of(line)
+    if family:
+        return f"{family}: {line[:40]!r}"
+    with contextlib.suppress(MessageError):
+        return f"NMEA 0183: {parse_sentence(line).address}"
+    with contextlib.suppress(MessageError):
+        address = parse_sentence(bytes(byte & 0x7F for byte in line)).address
+        return f"{address} with parity bits: 8 data bits without parity are needed"
+    if len(line) >= 3 and _is_readable(line) and not set(line) & set(b"$*!\\"):
+        return f"text that is no NMEA: {line[:40]!r}"
+    return None
+
+
+def _is_readable(line: bytes) -> bool:
+    """Whether all of it is printable, degree signs and the like in UTF-8 included."""
+    try:
+        return line.decode("utf-8").replace("\t", " ").isprintable()
+    except UnicodeDecodeError:
+        return False
+
+
+def baud_advice(baud: int, noise: bytes) -> str:
+    """What to do about damaged lines; where they are no text at all, the rates that are worth a try."""
+    advice = "check `baud` and the cable"
+    if not noise or is_text(noise):
+        return advice
+    others = ", ".join(str(usual) for usual in USUAL_BAUDS if usual != baud)
+    return f"{advice}: so it looks at another rate than the talker's; {baud} is set, usual are {others}"

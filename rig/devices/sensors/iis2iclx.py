@@ -1,0 +1,155 @@
+"""IIS2ICLX, two-axis inclinometer of 16 bits (STMicroelectronics, data sheet and AN5509).
+
+At 52 Hz with the low-pass at a quarter of that, a mean over one second has noise of 11 µg, or 0.0006° of
+tilt. The range is ±1 g, for any tilt, where one count is 0.0018°; noise of two counts dithers it away.
+"""
+
+import logging
+import math
+import time
+from functools import partial
+
+from rig.clock import Instant
+from rig.devices.bus.deadline import Deadline, wait_until
+from rig.devices.bus.i2c import I2cBus
+from rig.devices.bus.i2c_chip import I2cChip
+from rig.devices.readings import AccelerationReading
+from rig.devices.sensors.sampling import LEAST_READINGS, read_for, require_noise
+from rig.errors import TransientError, WrongDeviceError
+from rig.fault_notes import note_fault
+
+_log = logging.getLogger(__name__)
+
+DEFAULT_ADDRESS = 0x6A
+
+_FUNC_CFG_ACCESS = 0x01  # there in every bank of registers
+_WHO_AM_I = 0x0F
+_CTRL1_XL = 0x10
+_CTRL3_C = 0x12
+_CTRL8_XL = 0x17
+_STATUS = 0x1E
+_OUT_TEMP = 0x20
+_OUT_X = 0x28
+_OUT_Z = 0x2C  # reserved in this chip, the third axis in its relatives
+
+_IDENTITY = 0x6B  # which is also one of its two addresses
+_OTHER_BANKS = (0x80, 0x40)  # embedded functions, sensor hub
+_USER_BANK = 0x00
+_ODR_52_HZ = 3 << 4
+_RANGE_CODES = {0.5: 0, 1.0: 2, 2.0: 3, 3.0: 1}  # g; not in order
+_G_PER_COUNT = {0.5: 0.015e-3, 1.0: 0.031e-3, 2.0: 0.061e-3, 3.0: 0.122e-3}
+_LOW_PASS_2 = 1 << 1
+_LOW_PASS_2_ODR_4 = 0 << 5
+_BLOCK_DATA_UPDATE = 1 << 6
+_AUTO_INCREMENT = 1 << 2
+_SOFTWARE_RESET = 1 << 0
+_ACCELERATION_READY = 0x01
+
+_RANGE_G = 1.0
+_RELATIVES_FACTOR = 0.122 / 0.031
+"""ISM330DHCX, LSM6DSR and ASM330LHH give 0.122 mg for a count where this chip, set the same way, gives 0.031."""
+
+_LEAST_Z_G = 0.3  # the chip lies flat in the head: a third axis has most of gravity
+_SAMPLE_S = 1 / 52
+_SETTLING_SAMPLES = 5
+_RESET_POLL_S = 0.001
+_READY_TIMEOUT_S = 0.5
+
+
+def decode_acceleration_g(data: bytes, range_g: float) -> float:
+    """Acceleration of one axis, g, from its two bytes (signed, low byte first); ranges are 0.5, 1, 2, 3 g."""
+    return int.from_bytes(data, "little", signed=True) * _G_PER_COUNT[range_g]
+
+
+def decode_temperature_c(data: bytes) -> float:
+    """Degrees Celsius from the two bytes of OUT_TEMP."""
+    return 25.0 + int.from_bytes(data, "little", signed=True) / 256.0
+
+
+class Iis2iclx:
+    """The chip, measuring. Raises ``WrongDeviceError`` where another chip answers, else ``DeviceError``."""
+
+    def __init__(self, bus: I2cBus, address: int = DEFAULT_ADDRESS) -> None:
+        self._chip = I2cChip(bus, address, "IIS2ICLX")
+        self._leave_other_banks()
+        self._chip.require_identity(_WHO_AM_I, _IDENTITY)
+        self._chip.write_register(_CTRL3_C, _SOFTWARE_RESET)
+        if not wait_until(self._reset_done, Deadline.after(_READY_TIMEOUT_S), _RESET_POLL_S):
+            raise self._chip.no_answer_in_time("the reset", _READY_TIMEOUT_S)
+        self._chip.write_register(_CTRL3_C, _BLOCK_DATA_UPDATE | _AUTO_INCREMENT)
+        self._chip.write_register(_CTRL8_XL, _LOW_PASS_2_ODR_4)
+        self._chip.write_register(_CTRL1_XL, _ODR_52_HZ | _RANGE_CODES[_RANGE_G] << 2 | _LOW_PASS_2)
+        time.sleep(_SETTLING_SAMPLES * _SAMPLE_S)
+        self._require_two_axes(self._chip.read_register(_OUT_X, 4))
+
+    def _leave_other_banks(self) -> None:
+        """Back to the registers of the user, where another program left the chip in those of its embedded functions."""
+        if self._chip.read_register(_WHO_AM_I)[0] == _IDENTITY:
+            return
+        if self._chip.read_register(_FUNC_CFG_ACCESS)[0] in _OTHER_BANKS:
+            self._chip.write_register(_FUNC_CFG_ACCESS, _USER_BANK)
+
+    def _require_two_axes(self, x_and_y: bytes) -> None:
+        """Raise ``WrongDeviceError`` for a relative with three axes and this identity, whose tilt would come out a quarter."""
+        try:
+            z = self._chip.read_register(_OUT_Z, 2)
+        except TransientError as error:  # what is reserved need not answer
+            _log.debug("%s", error)
+            return
+        x_g, y_g, z_g = (
+            decode_acceleration_g(data, _RANGE_G) * _RELATIVES_FACTOR
+            for data in (x_and_y[:2], x_and_y[2:], z)
+        )
+        if abs(z_g) >= _LEAST_Z_G and 0.9 <= math.hypot(x_g, y_g, z_g) <= 1.1:
+            raise WrongDeviceError(
+                self._chip.name,
+                "has a third axis, and gravity in the scale of an ISM330DHCX, LSM6DSR or ASM330LHH, whose identity "
+                "(0x6B) is the same",
+                "fit an IIS2ICLX, or correct [inclinometer] chip and `address`",
+            )
+
+    def _reset_done(self) -> bool:
+        return not self._chip.read_register(_CTRL3_C)[0] & _SOFTWARE_RESET
+
+    def identify(self) -> str:
+        """Model, address and bus."""
+        return self._chip.name
+
+    def read(self, *, without_temperature: bool = False) -> AccelerationReading:
+        """The next sample, 19 ms after the last.
+
+        Raises ``TransientError`` where none comes, or one that no accelerometer at rest can give. ``without_temperature``
+        takes one whose temperature cannot be, as NaN, and notes it.
+        """
+        if not wait_until(self._sample_ready, Deadline.after(_READY_TIMEOUT_S), _SAMPLE_S / 4):
+            raise self._chip.no_answer_in_time("a sample", _READY_TIMEOUT_S)
+        data = self._chip.read_register(_OUT_X, 4)
+        at = Instant.now()
+        temperature_c = decode_temperature_c(self._chip.read_register(_OUT_TEMP, 2))
+        x_g, y_g = (decode_acceleration_g(data[i : i + 2], _RANGE_G) for i in (0, 2))
+        if not -40.0 <= temperature_c <= 105.0:
+            if not without_temperature:
+                raise self._chip.implausible(f"{temperature_c:.0f} °C")
+            note_fault(
+                self._chip.name, f"says {temperature_c:.0f} °C of itself", "went on without a temperature"
+            )
+            temperature_c = math.nan
+        if max(abs(x_g), abs(y_g)) > _RANGE_G or math.hypot(x_g, y_g) > 1.2:
+            raise self._chip.implausible(f"{x_g:.2f} g and {y_g:.2f} g")
+        return AccelerationReading(x_g, y_g, None, temperature_c, at.monotonic_s, at.utc)
+
+    def _sample_ready(self) -> bool:
+        return bool(self._chip.read_register(_STATUS)[0] & _ACCELERATION_READY)
+
+    def read_many(self, duration_s: float) -> list[AccelerationReading]:
+        """All samples of ``duration_s``. Raises ``DeviceError`` where all are the same: a frozen chip."""
+        readings = read_for(partial(self.read, without_temperature=True), duration_s, LEAST_READINGS)
+        require_noise(self._chip.name, [(r.x_g, r.y_g) for r in readings])
+        return readings
+
+    def close(self) -> None:
+        """Power-down, and the bus given back."""
+        try:
+            self._chip.write_register(_CTRL1_XL, 0)
+        finally:
+            self._chip.release()

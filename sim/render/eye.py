@@ -1,0 +1,32 @@
+"""What the camera sees from where the vehicle stands."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.render.panorama import render_panorama
+from sim.render.renderer import Renderer
+from sim.world.truth import Standpoint, Vehicle, World
+
+Picture = Callable[[NDArray[np.float64], np.random.Generator], NDArray[np.uint8]]
+
+
+class Eye:
+    """A picture of its own, or the world's terrain and sky."""
+
+    def __init__(self, world: World, picture: Picture | None) -> None:
+        self._world = world
+        self._drawn = picture is None
+        self._picture = picture or Renderer(world, render_panorama(world)).frame
+
+    def picture(self, rotation: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.uint8]:
+        """As ``Picture``; by one thread."""
+        return self._picture(rotation, rng)
+
+    def look_from(self, standpoint: Standpoint) -> None:
+        """Draw the view from another place, and show that from now on."""
+        if self._drawn:
+            there = replace(self._world, vehicle=Vehicle(standpoint))
+            self._picture = Renderer(there, render_panorama(there)).frame

@@ -1,0 +1,265 @@
+"""Devices that a log of ``rig record`` plays back: chips and servos that answer, talkers that talk."""
+
+import os
+import threading
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from typing import Any
+
+from sim.devices.dynamixel_packet import HEADER, Instruction, Request, RequestReader
+from sim.devices.pty_port import PtyPort
+from sim.replay.recorded import Asked, Recorded, epoch_heard
+from sim.replay.registers import RESERVED, set_up_answer
+
+NO_ACKNOWLEDGE = 121
+LISTENER_S = 0.3
+"""From the listener's opening of the port to the first byte: it throws away what was there before."""
+
+GOAL_POSITION = 116
+"""Address of the register in X-series servos: who writes it sends the head elsewhere."""
+
+NEAR_TICKS = 11
+"""A goal that follows from noisy readings is another one each time: within 1 degree it is taken for the one of then."""
+
+FIRST_OF_A_LINE = b"$!\x01"
+
+Exchange = Mapping[str, Any]
+Say = Callable[[str], None]
+
+
+def with_epochs(exchanges: Sequence[Exchange]) -> Iterator[tuple[Exchange, int]]:
+    """Each exchange, and how many goals the head had been given by then."""
+    epoch = 0
+    for exchange in exchanges:
+        epoch += "sent" in exchange and _is_goal(bytes.fromhex(exchange["sent"]))
+        yield exchange, epoch
+
+
+def _is_goal(sent: bytes) -> bool:
+    return any(
+        request.instruction in (Instruction.WRITE, Instruction.SYNC_WRITE)
+        and int.from_bytes(request.parameters[:2], "little") == GOAL_POSITION
+        for request in RequestReader().feed(sent)
+    )
+
+
+class ReplayedChip:
+    """A chip that reads as it did. Implements ``sim.devices.i2c_chip.I2cChip``.
+
+    A read that is shorter than one of then, or begins within it, is answered from that: the registers are the same. No
+    acknowledge for what was never recorded; ``say`` is told.
+    """
+
+    def __init__(
+        self,
+        address: int,
+        exchanges: Sequence[tuple[Exchange, int]],
+        epoch: Callable[[], int] = lambda: 0,
+        say: Say = lambda what: None,
+    ) -> None:
+        self.address = address
+        self._say = say
+        self._recorded: Recorded[Exchange] = Recorded(
+            [Asked((bytes.fromhex(e["write"]), e["length"]), e, not e["length"], at) for e, at in exchanges],
+            epoch,
+            cut_polls_go_on=True,
+        )
+
+    def transfer(self, write: bytes, read_length: int) -> bytes:
+        """See ``I2cChip``."""
+        exchange, skipped = self._recorded.answer((write, read_length)), 0
+        if exchange is None:
+            for longer, begin in self._covering(write, read_length):
+                exchange, skipped = self._recorded.answer(longer), begin
+                break
+        if exchange is None:
+            if (self.address, write, read_length) not in RESERVED:
+                self._say(
+                    f"holds no transfer that writes {write.hex(' ') or 'nothing'} and reads {read_length} bytes"
+                )
+            exchange = {"errno": NO_ACKNOWLEDGE}
+        if "errno" in exchange:
+            raise OSError(exchange["errno"], os.strerror(exchange["errno"]))
+        return bytes.fromhex(exchange["read"])[skipped : skipped + read_length]
+
+    @property
+    def ran_out(self) -> bool:
+        """Whether more was asked than then."""
+        return self._recorded.ran_out
+
+    def _covering(self, write: bytes, length: int) -> Iterator[tuple[Hashable, int]]:
+        """Requests of then whose answers hold the registers of this one, and where they begin there."""
+        if len(write) != 1 or not length:
+            return
+        for request in self._recorded.requests:
+            assert isinstance(request, tuple)
+            then, then_length = request
+            begin = write[0] - then[0] if len(then) == 1 else -1
+            if begin >= 0 and begin + length <= then_length:
+                yield request, begin
+
+
+class ReplayedServos:
+    """A bus of servos, or another device that answers on a serial port, which answers as it did."""
+
+    def __init__(
+        self, exchanges: Sequence[tuple[Exchange, int]], say: Say, models: Mapping[int, str] | None = None
+    ) -> None:
+        """``models`` by id: what such a servo has from the factory is answered where it was not asked for then."""
+        self._say = say
+        self._models = models or {}
+        self._reader = RequestReader()
+        asked: list[Asked[bytes]] = []
+        request, answer, since = b"", b"", 0
+        for exchange, epoch in [*exchanges, ({"sent": ""}, 0)]:
+            if "sent" in exchange:
+                if request:
+                    key = _key(request)
+                    asked.append(Asked(key, answer, _is_command(key), since))
+                request, answer, since = bytes.fromhex(exchange["sent"]), b"", epoch
+            else:
+                answer += bytes.fromhex(exchange["received"])
+        self._recorded = Recorded(asked, self.epoch)
+        self._speaks_packets = any(isinstance(each.request, Request) for each in asked)
+
+    def epoch(self) -> int:
+        """How many goals the head had been given where the log is now."""
+        at = self._recorded.at
+        return 0 if at is None else at.epoch
+
+    def answer(self, data: bytes) -> bytes:
+        """What was answered to the requests in ``data``; nothing, and ``say`` is told, where one was never made."""
+        requests = list(self._reader.feed(data)) if self._speaks_packets else [data]
+        return b"".join(self._answer(request) for request in requests)
+
+    @property
+    def ran_out(self) -> bool:
+        """Whether more was asked than then."""
+        return self._recorded.ran_out
+
+    def _answer(self, request: Request | bytes) -> bytes:
+        answer = self._recorded.answer(self._made_then(request))
+        if answer is None and isinstance(request, Request):
+            answer = set_up_answer(request, self._models) or None
+        if answer is None:
+            of_pictures = (
+                ": a capture looks where the pictures say, which no log holds"
+                if isinstance(request, Request) and _is_goal_of(request)
+                else ""
+            )
+            self._say(f"holds no {_described(request)}{of_pictures}")
+        return answer or b""
+
+    def _made_then(self, request: Request | bytes) -> Request | bytes:
+        """The request of then that this one is: itself, or the nearest goal where it is a goal."""
+        requests = [each for each in self._recorded.requests if isinstance(each, Request)]
+        if request in requests or not isinstance(request, Request) or not _is_goal_of(request):
+            return request
+        goals = [each for each in requests if each.servo_id == request.servo_id and _is_goal_of(each)]
+        near = [each for each in goals if abs(_tick(each) - _tick(request)) <= NEAR_TICKS]
+        return min(near, key=lambda each: abs(_tick(each) - _tick(request)), default=request)
+
+
+def _key(sent: bytes) -> Request | bytes:
+    requests = list(RequestReader().feed(sent)) if sent.startswith(HEADER) else []
+    return requests[0] if len(requests) == 1 else sent
+
+
+def _is_command(request: Request | bytes) -> bool:
+    return isinstance(request, bytes) or request.instruction not in (
+        Instruction.PING,
+        Instruction.READ,
+        Instruction.SYNC_READ,
+    )
+
+
+def _described(request: Request | bytes) -> str:
+    if isinstance(request, bytes):
+        return f"request {request[:40].hex(' ')}"
+    known = request.instruction in Instruction.__members__.values()
+    name = Instruction(request.instruction).name if known else f"instruction {request.instruction:#04x}"
+    if _is_goal_of(request):
+        return f"move of servo id {request.servo_id} to tick {_tick(request)}"
+    return f"{name} {request.parameters[:40].hex(' ')} to servo id {request.servo_id}"
+
+
+def _is_goal_of(request: Request) -> bool:
+    return (
+        request.instruction == Instruction.WRITE
+        and int.from_bytes(request.parameters[:2], "little") == GOAL_POSITION
+    )
+
+
+def _tick(goal: Request) -> int:
+    return int.from_bytes(goal.parameters[2:6], "little", signed=True)
+
+
+class ReplayedTalker:
+    """Says what was received, with the same pauses, from the moment that somebody opens the port at ``baud``.
+
+    It begins again where what it said at this stop of the head ends, with the first whole line. One that said nothing is
+    told to ``say``.
+    """
+
+    def __init__(
+        self,
+        port: PtyPort,
+        said: Sequence[tuple[Exchange, int]],
+        baud: int,
+        epoch: Callable[[], int],
+        say: Say,
+    ) -> None:
+        self._port, self._baud, self._epoch, self._say = port, baud, epoch, say
+        self._said = [(float(e["t"]), bytes.fromhex(e["received"]), at) for e, at in said]
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._talk, name=f"replay {port.path}")
+        self._thread.start()
+
+    def close(self) -> None:
+        """Fall silent."""
+        self._stop.set()
+        self._thread.join()
+
+    def _talk(self) -> None:
+        while self._port.baud != self._baud:
+            if self._stop.wait(0.02):
+                return
+        stops = sorted({at for _, _, at in self._said})
+        if not stops:
+            self._say("holds nothing of this port")
+            return
+        while not self._stop.is_set():
+            now = epoch_heard(stops, self._epoch())
+            self._say_once([(t, data) for t, data, at in self._said if at == now], now, stops)
+
+    def _say_once(self, said: Sequence[tuple[float, bytes]], now: int, stops: Sequence[int]) -> None:
+        said = whole_lines(said)
+        pause_s, before_s = LISTENER_S, said[0][0]
+        for at_s, data in said:
+            if self._stop.wait(pause_s + at_s - before_s):
+                return
+            if epoch_heard(stops, self._epoch()) != now:
+                return
+            self._port.send(data)
+            pause_s, before_s = 0.0, at_s
+
+
+def whole_lines(said: Sequence[tuple[float, bytes]]) -> list[tuple[float, bytes]]:
+    """Without the end of a line whose beginning was not heard and the beginning of one whose end was not.
+
+    All of it where it holds no whole line.
+    """
+    text = b"".join(data for _, data in said)
+    begin = 0
+    if text[0] not in FIRST_OF_A_LINE:
+        begin = min((i + 1 for i in (text.find(b"\n"), text.find(b"\r")) if i >= 0), default=0)
+        begin += text[begin : begin + 1] == b"\n"
+    end = max(text.rfind(b"\n"), text.rfind(b"\r")) + 1
+    if end <= begin:
+        return list(said)
+    kept, passed = [], 0
+    for at_s, data in said:
+        part = data[max(0, begin - passed) : max(0, end - passed)]
+        if part:
+            kept.append((at_s, part))
+        passed += len(data)
+    return kept

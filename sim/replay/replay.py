@@ -1,0 +1,264 @@
+"""Plays a log of ``rig record`` back: recorded devices on pseudo-terminals and an I2C bridge, a camera that shows grey.
+
+A device that was asked answers each request as it did when it was asked the same in the same situation
+(``sim.replay.recorded``); one that talks unasked says the same bytes after the same pauses, over and
+over. What the log cannot answer is told. The format of the log is described in docs/recording.md.
+"""
+
+import json
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sim.devices.camera_stream import CameraStream
+from sim.devices.i2c_bridge import I2cBridge
+from sim.devices.pty_port import PtyPort
+from sim.errors import SimulationError
+from sim.replay.devices import Exchange, ReplayedChip, ReplayedServos, ReplayedTalker, Say, with_epochs
+from sim.replay.log_checks import check_config, check_exchange
+
+LOG_VERSION = 1
+GREY = 128
+NOTES_SHOWN = 3
+
+
+class Notes:
+    """What the log could not answer, each told once, and which devices were asked more than it holds."""
+
+    def __init__(self, exchanges: Sequence[Exchange]) -> None:
+        self._told: dict[str, None] = {}
+        self._asked: list[tuple[str, float, ReplayedChip | ReplayedServos]] = []
+        self._ends_s = max(float(exchange["t"]) for exchange in exchanges)
+
+    def about(self, device: str) -> Say:
+        """Where a device tells what it was asked in vain."""
+        return lambda what: self._told.setdefault(f"the log {what} ({device})")
+
+    def watch(
+        self, name: str, here: Sequence[tuple[Exchange, int]], device: ReplayedChip | ReplayedServos
+    ) -> None:
+        """Look at the end whether ``device`` was asked more than the exchanges that are ``here``."""
+        self._asked.append((name, float(here[-1][0]["t"]), device))
+
+    def lines(self, failed: bool) -> list[str]:
+        """What the log does not hold, and, of a command that failed, where it ends."""
+        told = list(self._told)
+        if failed:
+            told += [
+                f"the log of {name} ends after {at_s:.1f} s: what was asked beyond it got the answers of before"
+                for name, at_s, device in self._asked
+                if device.ran_out
+            ]
+        if not told:
+            return []
+        more = [f"and {len(told) - NOTES_SHOWN} more"] if len(told) > NOTES_SHOWN else []
+        end = (
+            f"the log ends after {self._ends_s:.1f} s; replay the command that was recorded, "
+            "or record the one that is to be replayed"
+        )
+        return [*told[:NOTES_SHOWN], *more, end]
+
+
+def load_log(path: Path) -> tuple[dict[str, Any], list[Exchange]]:
+    """The configuration and the exchanges of a log. A last line that a crash cut off is left out.
+
+    Raises:
+        SimulationError: it cannot be read, or is no such log.
+    """
+    from sim.documents import log_lines, values_of  # of the commands; what plays the devices does without
+
+    lines = log_lines(path)
+    no_log = f"log {path}: is no log of rig record"
+
+    def parsed(number: int) -> Any:
+        try:
+            return values_of(lines[number - 1])
+        except SimulationError as error:
+            raise SimulationError(f"{no_log}: line {number}: {error}") from error
+
+    header = parsed(1) if lines else {}
+    if not isinstance(header, dict) or "skyfix_log" not in header:
+        raise SimulationError(f"{no_log}: it {_instead(lines)}; name the file that rig record wrote")
+    if header["skyfix_log"] != LOG_VERSION:
+        raise SimulationError(
+            f"{no_log}, version {LOG_VERSION}: it says {header['skyfix_log']!r}; replay it with the skyfix that wrote it"
+        )
+    exchanges = [(number, parsed(number)) for number in range(2, len(lines))]
+    if len(lines) > 1:
+        with suppress(SimulationError):  # the last one may be cut off
+            exchanges.append((len(lines), parsed(len(lines))))
+    for number, exchange in exchanges:
+        try:
+            check_exchange(exchange)
+        except ValueError as error:
+            raise SimulationError(f"{no_log}: line {number} is no exchange: {error}") from error
+    if not exchanges:
+        raise SimulationError(
+            f"log {path}: holds nothing that a device was asked or said; record a command that got as far as the devices"
+        )
+    try:
+        check_config(header.get("config"))
+    except ValueError as error:
+        raise SimulationError(f"{no_log}: {error}") from error
+    return header["config"], [exchange for _, exchange in exchanges]
+
+
+def _instead(lines: Sequence[bytes]) -> str:
+    if not lines:
+        return "is empty"
+    return f"begins with {lines[0][:40].decode(errors='replace')!r}"
+
+
+@dataclass(frozen=True)
+class Replay:
+    """Devices that are being played back."""
+
+    config_path: Path
+    environment: Mapping[str, str]
+    """For the command: its configuration, and the clock of then."""
+    notes: Notes
+
+
+@contextmanager
+def replayed(path: Path) -> Iterator[Path]:
+    """Devices that behave as the log says, while the context lasts; the path of a rig configuration for them.
+
+    Raises:
+        SimulationError: as ``load_log``.
+    """
+    with replaying(path) as replay:
+        yield replay.config_path
+
+
+@contextmanager
+def replaying(path: Path) -> Iterator[Replay]:
+    """The same, with all that a command needs to know of it.
+
+    Raises:
+        SimulationError: as ``load_log``.
+    """
+    config, exchanges = load_log(path)
+    notes = Notes(exchanges)
+    with ExitStack() as running:
+        folder = Path(running.enter_context(tempfile.TemporaryDirectory(prefix="skyfix-replay-")))
+        sections = [section for section in config.values() if isinstance(section, dict)]
+        bauds = {section.get("port"): section.get("baud") for section in sections}
+        by_port: dict[str, list[tuple[Exchange, int]]] = {port: [] for port in bauds if port}
+        by_bus: dict[str, list[tuple[Exchange, int]]] = {s["bus"]: [] for s in sections if "bus" in s}
+        for exchange, epoch in with_epochs(exchanges):
+            group, name = (by_port, "port") if "port" in exchange else (by_bus, "bus")
+            group.setdefault(exchange[name], []).append((exchange, epoch))
+
+        names: dict[str, str] = {}
+        asked = [port for port, here in by_port.items() if any("sent" in e for e, _ in here)]
+        head: ReplayedServos | None = None
+
+        def epoch_now() -> int:
+            return head.epoch() if head else 0
+
+        # What answers comes first: what talks has to know where the head is.
+        for number, name in enumerate(sorted(by_port, key=lambda port: (port not in asked, port))):
+            port = PtyPort()
+            running.callback(port.close)
+            port.keep_name(folder / f"port-{number}")
+            names[name] = port.path
+            say = notes.about(name)
+            if name in asked:
+                servos = ReplayedServos(by_port[name], say, _models(config))
+                notes.watch(name, by_port[name], servos)
+                head = head or servos
+                port.answer(servos.answer)
+            else:
+                baud = int(bauds.get(name) or 4800)
+                running.callback(ReplayedTalker(port, by_port[name], baud, epoch_now, say).close)
+        bridge = _bridge(by_bus, epoch_now, notes)
+        running.callback(bridge.close)
+        names |= {bus: bridge.url(number) for number, bus in enumerate(by_bus)}
+        camera = _grey_camera(config["camera"])
+        running.callback(camera.close)
+        config["camera"]["source"] = camera.url
+        if "exposure_url" in config["camera"]:
+            config["camera"]["exposure_url"] = camera.exposure_url
+        config_path = folder / "rig.toml"
+        config_path.write_text(toml(renamed(config, names)), encoding="utf-8")
+        yield Replay(config_path, {"SKYFIX_CONFIG": str(config_path), **_clock_of_then(path, folder)}, notes)
+
+
+def _models(config: Mapping[str, Any]) -> dict[int, str]:
+    """The servos' models by id, as far as the log's configuration names them."""
+    head = config.get("pan_tilt")
+    servos = [head.get(axis) for axis in ("pan", "tilt")] if isinstance(head, dict) else []
+    return {
+        each["id"]: str(each.get("model"))
+        for each in servos
+        if isinstance(each, dict) and isinstance(each.get("id"), int)
+    }
+
+
+def _bridge(
+    by_bus: Mapping[str, Sequence[tuple[Exchange, int]]], epoch: Callable[[], int], notes: Notes
+) -> I2cBridge:
+    buses = list(by_bus)
+    chips: dict[int, list[ReplayedChip]] = {}
+    for number, bus in enumerate(buses):
+        chips[number] = []
+        for address in sorted({e["address"] for e, _ in by_bus[bus]}):
+            name = f"0x{address:02X} on {bus}"
+            here = [(e, at) for e, at in by_bus[bus] if e["address"] == address]
+            chips[number].append(ReplayedChip(address, here, epoch, notes.about(name)))
+            notes.watch(name, here, chips[number][-1])
+    known = {(number, chip.address) for number, here in chips.items() for chip in here}
+
+    def fault(bus: int, address: int) -> int:
+        if (bus, address) not in known and bus < len(buses):
+            notes.about(f"0x{address:02X} on {buses[bus]}")("holds nothing of this chip")
+        return 0
+
+    return I2cBridge(chips, fault=fault)
+
+
+def _clock_of_then(path: Path, folder: Path) -> dict[str, str]:
+    """Declination and drift depend on the date: the command is to have the one of then."""
+    from sim.documents import values_of
+
+    try:
+        with path.open("rb") as file:
+            then = datetime.fromisoformat(values_of(file.readline())["utc"])
+    except (KeyError, TypeError, ValueError):
+        return {}
+    offset_s = (then - datetime.now(UTC)).total_seconds()
+    file_path = folder / "clock-offset"
+    file_path.write_text(f"{offset_s:.3f}", encoding="ascii")
+    return {"SKYFIX_CLOCK_OFFSET": str(file_path)}
+
+
+def _grey_camera(camera: Mapping[str, Any]) -> CameraStream:
+    noise = np.random.default_rng(1)
+    size = camera["height_px"], camera["width_px"], 3
+    return CameraStream(lambda: np.clip(noise.normal(GREY, 2.0, size), 0, 255).astype(np.uint8))
+
+
+def renamed(value: Any, names: Mapping[str, str]) -> Any:
+    """``value`` with every string that is a key of ``names`` replaced."""
+    if isinstance(value, dict):
+        return {key: renamed(each, names) for key, each in value.items()}
+    return names.get(value, value) if isinstance(value, str) else value
+
+
+def toml(tables: Mapping[str, Any], prefix: str = "") -> str:
+    """TOML of nested tables of plain values and lists of these; a list of tables is left out where it is empty."""
+    lines, below = [], []
+    for key, value in tables.items():
+        if isinstance(value, dict):
+            below.append(f"\n[{prefix}{key}]\n{toml(value, f'{prefix}{key}.')}")
+        elif isinstance(value, list) and value and isinstance(value[0], dict):
+            below += [f"\n[[{prefix}{key}]]\n{toml(each)}" for each in value]
+        else:
+            lines.append(f"{key} = {json.dumps(value)}")
+    return "\n".join(lines) + "\n" + "".join(below)

@@ -1,0 +1,246 @@
+"""What elevations count from, and what becomes of an altitude that counts from something else."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pyproj
+import pytest
+import rasterio
+from affine import Affine
+from pyproj import CRS
+
+from localizer.dem.heights import GEOID_SIGMA_M, heights_of
+from localizer.dem.info import dem_notes
+from localizer.dem.lattice import DemError, dem_from_array, load_dem
+from localizer.fix import Fix, Nuisance, Position, Stage1Counts
+from localizer.observation import Observation
+from localizer.search.answer import Located, without_known_datum
+from localizer.search.doubts import altitude_as_trusted, altitude_note, without_altimeter
+
+ELLIPSOIDAL = (
+    'COMPD_CS["UTM 11 + ellipsoid",'
+    + CRS.from_epsg(32611).to_wkt("WKT1_GDAL")
+    + ',VERT_CS["WGS 84 ellipsoid",'
+    'VERT_DATUM["World Geodetic System 1984 ellipsoid",2002],UNIT["metre",1],AXIS["Up",UP]]]'
+)
+GRID = Affine(30.0, 0.0, 400_000.0, 0.0, -30.0, 3_800_000.0)
+HILLS = (500.0 + np.add.outer(np.arange(40.0), np.arange(50.0))).astype(np.float32)
+
+
+@pytest.mark.parametrize(
+    ("crs", "name", "ellipsoidal"),
+    [
+        ("EPSG:32611", None, False),
+        ("EPSG:4979", "height above the ellipsoid", True),
+        ("EPSG:4326+5773", "EGM96 height", False),
+        ("EPSG:4326+3855", "EGM2008 height", False),
+        ("EPSG:26911+5703", "NAVD88 height", False),
+        ("EPSG:6339+6360", "NAVD88 height (ftUS)", False),
+        (ELLIPSOIDAL, "height above the ellipsoid", True),
+        (CRS.from_epsg(32611).to_3d().to_wkt(), "height above the ellipsoid", True),
+    ],
+)
+def test_the_vertical_datum_is_what_the_crs_says(crs, name, ellipsoidal):
+    heights = heights_of(CRS.from_user_input(crs))
+    assert (heights.name, heights.ellipsoidal) == (name, ellipsoidal)
+
+
+def test_a_file_s_vertical_datum_is_printed(write_raster, run):
+    path = write_raster(HILLS, crs="EPSG:26910+5703")
+    _, out, _ = run("dem", "info", path)
+    assert "heights       NAVD88 height" in out
+    _, out, _ = run("dem", "info", write_raster(HILLS, "plain.tif"))
+    assert "heights       not stated" in out
+
+
+def test_it_is_kept_where_crs_is_told(write_raster):
+    """--crs says where the grid lies, not what its elevations count from."""
+    path = write_raster(HILLS, crs=ELLIPSOIDAL, transform=GRID)
+    assert load_dem([path], crs="EPSG:26911").heights.ellipsoidal
+
+
+def test_heights_above_the_ellipsoid_are_said_and_the_altimeter_trusted_less(write_raster, run):
+    path = write_raster(HILLS, crs=ELLIPSOIDAL, transform=GRID)
+    status, out, _ = run("dem", "info", path)
+    assert status == 0
+    assert "--geoid-offset" in out
+    dem = load_dem([path])
+    trusted = altitude_as_trusted(observation(altitude_m=1000.0, sigma_m=5.0), dem)
+    assert trusted.altitude_sigma_m == pytest.approx(np.hypot(5.0, GEOID_SIGMA_M))
+
+
+def test_the_geoid_offset_is_taken_off_and_then_the_altimeter_counts(write_raster):
+    path = write_raster(HILLS, crs=ELLIPSOIDAL, transform=GRID)
+    dem = load_dem([path], geoid_offset_m=-33.5)
+    assert np.allclose(dem.z_m, HILLS + 33.5)
+    told = observation(altitude_m=1000.0, sigma_m=5.0)
+    assert altitude_as_trusted(told, dem) is told
+    assert not any("ellipsoid" in note for note in dem_notes(dem))
+    # without a word in the file too: not every file says it
+    assert np.allclose(load_dem([write_raster(HILLS, "bare.tif")], geoid_offset_m=-33.5).z_m, HILLS + 33.5)
+
+
+@pytest.mark.parametrize("offset", ["nan", "inf", "-3350", "121"])
+def test_a_geoid_offset_that_no_place_has_is_refused(write_raster, refused, offset):
+    assert "--geoid-offset" in refused("dem", "info", write_raster(HILLS), "--geoid-offset", offset)
+
+
+def test_a_geoid_offset_that_the_file_contradicts_is_noted(write_raster, run):
+    path = write_raster(HILLS, crs="EPSG:26911+5703")
+    status, out, _ = run("dem", "info", path, "--geoid-offset", "-33.5")
+    assert status == 0
+    assert (
+        "says that its elevations are NAVD88 height, which counts from the sea; --geoid-offset moves them by +33.5 m"
+        in out
+    )
+
+
+def test_depths_are_no_elevations(write_raster, refused):
+    path = write_raster(-HILLS, crs="EPSG:32610+5715")
+    for options in ((), ("--vertical-unit", "m")):
+        assert "count downwards (MSL depth); say --scale -1" in refused("dem", "info", path, *options)
+    assert np.allclose(load_dem([path], scale=-1.0).z_m, HILLS)
+
+
+def test_a_library_s_geoid_offset_is_checked_too(write_raster):
+    with pytest.raises(DemError, match="--geoid-offset"):
+        load_dem([write_raster(HILLS)], geoid_offset_m=500.0)
+
+
+def test_an_installed_geoid_grid_brings_ellipsoidal_heights_to_the_sea(write_raster, tmp_path, monkeypatch):
+    folder = tmp_path / "proj"
+    folder.mkdir()
+    undulation = np.full((7, 13), -33.5, np.float32)  # 30 degrees a cell, the whole Earth
+    with rasterio.open(
+        folder / "egm96_15.gtx",
+        "w",
+        driver="GTX",
+        height=7,
+        width=13,
+        count=1,
+        dtype="float32",
+        crs="EPSG:4326",
+        transform=Affine(30.0, 0.0, -195.0, 0.0, -30.0, 105.0),
+    ) as dataset:
+        dataset.write(undulation, 1)
+    path = write_raster(HILLS, crs=ELLIPSOIDAL, transform=GRID)
+    own = pyproj.datadir.get_data_dir()
+    pyproj.datadir.append_data_dir(str(folder))
+    try:
+        dem = load_dem([path])
+    finally:
+        pyproj.datadir.set_data_dir(own)
+    assert np.allclose(dem.z_m, HILLS + 33.5, atol=0.01)
+    assert "EGM96" in (dem.heights.converted or "")
+    assert dem.heights.altitude_sigma_m == 0.0
+
+
+def test_files_of_different_vertical_datums_are_not_put_together(write_raster):
+    sea = write_raster(HILLS, "sea.tif", crs="EPSG:32611", transform=GRID)
+    space = write_raster(HILLS, "space.tif", crs=ELLIPSOIDAL, transform=GRID @ Affine.translation(50, 0))
+    with pytest.raises(DemError, match="ellipsoid"):
+        load_dem([sea, space])
+
+
+# ---- what is said of an answer
+
+
+DEM = dem_from_array(HILLS, GRID, CRS.from_epsg(32611))
+
+
+def observation(altitude_m: float | None = 1000.0, sigma_m: float = 5.0) -> Observation:
+    frame = SimpleNamespace(label="N", u_px=np.arange(50.0))
+    return Observation((frame,), 2.0, altitude_m, sigma_m, 1.0, 0.02)  # type: ignore[arg-type]
+
+
+def a_fix(status: str = "fix", altitude_bias_m: float = 0.0) -> Fix:
+    return Fix(
+        bundle="b",
+        status=status,  # type: ignore[arg-type]
+        position=None
+        if status == "none"
+        else Position(
+            easting_m=400_300.0,
+            northing_m=3_799_700.0,
+            crs="EPSG:32611",
+            lat_deg=34.3,
+            lon_deg=-118.1,
+            ground_m=520.0,
+            row=10.0,
+            col=10.0,
+        ),
+        covariance_m2=None if status == "none" else ((9.0, 0.0), (0.0, 9.0)),
+        probability=0.99,
+        candidates=(),
+        stage1=Stage1Counts(cells=1, after_altitude=1, after={}, points_explored=1),
+        residual={},
+        nuisance=None
+        if status == "none"
+        else Nuisance(azimuth_bias_deg=0.0, tilt_bias_deg=0.0, altitude_bias_m=altitude_bias_m),
+        timing_s={},
+    )
+
+
+def located(status: str, altitude_m: float = 959.0) -> Located:
+    best = SimpleNamespace(row=20.0, col=20.0, altitude_m=altitude_m) if status != "none" else None
+    return Located(SimpleNamespace(status=status), best, None, {})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("bias_m", "said"), [(41.0, True), (-41.0, True), (19.0, False), (0.0, False)])
+def test_an_altitude_bias_beyond_four_sigmas_is_a_note(bias_m, said):
+    bundle = SimpleNamespace(altitude=SimpleNamespace(value_m=1000.0, sigma_m=5.0))
+    note = altitude_note(a_fix(altitude_bias_m=bias_m), bundle, DEM)  # type: ignore[arg-type]
+    assert (note is not None) == said
+    if said:
+        assert f"{bias_m:+.0f} m" in note
+        assert f"--geoid-offset {-bias_m:.0f}" in note
+
+
+def test_no_altimeter_no_note():
+    bundle = SimpleNamespace(altitude=None)
+    assert altitude_note(a_fix(altitude_bias_m=0.0), bundle, DEM) is None  # type: ignore[arg-type]
+
+
+def test_where_nothing_fits_the_altitude_is_left_out_once_and_what_that_shows_is_said():
+    asked = []
+
+    def search(blind: Observation) -> Located:
+        asked.append(blind)
+        return located("fix")
+
+    terrain = SimpleNamespace(dem=DEM)
+    fix = without_altimeter(terrain, observation(), a_fix("none"), search)  # type: ignore[arg-type]
+    assert fix.status == "none"
+    assert fix.position is None
+    assert fix.reason.code == "no_ground_at_altitude"
+    assert "off by +41 m (8.2 sigma)" in fix.reason.text
+    assert len(asked) == 1
+    assert asked[0].altitude_m is None
+
+
+def test_where_it_shows_nothing_either_that_is_said():
+    terrain = SimpleNamespace(dem=DEM)
+    fix = without_altimeter(terrain, observation(), a_fix("none"), lambda _: located("none"))  # type: ignore[arg-type]
+    assert fix.status == "none"
+    assert fix.reason.code == "outside"
+
+
+@pytest.mark.parametrize(
+    ("fix", "seen"),
+    [(a_fix("fix"), observation()), (a_fix("none"), observation(altitude_m=None, sigma_m=np.inf))],
+)
+def test_nothing_is_searched_again_with_a_place_or_without_an_altimeter(fix, seen):
+    terrain = SimpleNamespace(dem=DEM)
+    assert without_altimeter(terrain, seen, fix, lambda _: pytest.fail("searched")) is fix  # type: ignore[arg-type]
+
+
+def test_a_place_on_an_unknown_datum_is_no_fix():
+    unknown = dem_from_array(HILLS, GRID, CRS.from_user_input("+proj=utm +zone=11 +ellps=clrk66 +type=crs"))
+    fix = without_known_datum(a_fix(), unknown)
+    assert fix.status == "ambiguous"
+    assert fix.exit_status == 3
+    assert fix.reason.code == "unknown_datum"
+    assert "--crs" in fix.reason.text
+    assert fix.position == a_fix().position
+    assert without_known_datum(a_fix(), DEM) == a_fix()
+    assert without_known_datum(a_fix("none"), unknown) == a_fix("none")

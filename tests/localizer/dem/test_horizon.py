@@ -1,0 +1,190 @@
+"""The horizon of a DEM: closed forms, a brute-force reference, and rays that start or end in odd places."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from affine import Affine
+from pyproj import CRS
+
+from localizer.dem.horizon import EARTH_RADIUS_M, RIM_CELLS, Terrain, horizon, horizon_around, prepare_terrain
+from localizer.dem.lattice import Dem, dem_from_array, load_dem
+
+SANTA_CRUZ = Path(__file__).parents[3] / "sim" / "terrain" / "santa_cruz_srtm_1s.tif"
+LOCAL = CRS.from_proj4("+proj=tmerc +lat_0=46 +lon_0=8 +k=1 +x_0=0 +y_0=0 +ellps=WGS84")
+SIDE = 201
+MIDDLE = (SIDE - 1) // 2
+CELL_M = 20.0
+
+
+def dem_of(height_m: np.ndarray) -> Dem:
+    half = SIDE * CELL_M / 2.0
+    return dem_from_array(height_m.astype(np.float32), Affine(CELL_M, 0.0, -half, 0.0, -CELL_M, half), LOCAL)
+
+
+def east_north() -> tuple[np.ndarray, np.ndarray]:
+    steps = (np.arange(SIDE) - MIDDLE) * CELL_M
+    return np.meshgrid(steps, -steps)
+
+
+@pytest.fixture(scope="module")
+def santa_cruz() -> Terrain:
+    return prepare_terrain(load_dem([SANTA_CRUZ]))
+
+
+def test_from_within_a_cone_shaped_bowl_every_horizon_is_the_rim():
+    east, north = east_north()
+    radius = np.hypot(east, north)
+    terrain = prepare_terrain(
+        dem_of(np.where(radius < 1500.0, 0.0, np.minimum(radius - 1500.0, 300.0) * 0.5))
+    )
+    azimuth = np.arange(0.0, 360.0, 7.5)
+    elevation, distance = horizon(terrain, MIDDLE, MIDDLE, 2.0, azimuth)
+    closed = np.degrees(np.arctan((150.0 - 2.0) / 1800.0 - terrain.drop_per_m2 * 1800.0))
+    assert elevation[0] == pytest.approx(
+        np.full(len(azimuth), closed), abs=0.06
+    )  # a crest rounded by half a cell
+    assert distance[0] == pytest.approx(np.full(len(azimuth), 1800.0), abs=CELL_M * 1.5)
+
+
+def test_a_wall_stands_at_the_angle_of_its_crest_whatever_the_azimuth():
+    _, north = east_north()
+    crest = 600.0
+    terrain = prepare_terrain(dem_of(np.where(np.isclose(north, crest), 100.0, 0.0)))
+    azimuth = np.array([0.0, 20.0, -40.0])
+    elevation, distance = horizon(terrain, MIDDLE, MIDDLE, 10.0, azimuth)
+    along = crest / np.cos(np.radians(azimuth))
+    closed = np.degrees(np.arctan(90.0 / along - terrain.drop_per_m2 * along))
+    assert elevation[0] == pytest.approx(closed, abs=1e-4)
+    assert distance[0] == pytest.approx(along, abs=0.1)
+
+
+def test_over_a_level_sea_the_horizon_dips_by_the_square_root_of_the_height():
+    flat = np.zeros((SIDE, SIDE), np.float32)
+    wide = Affine(200.0, 0.0, -SIDE * 100.0, 0.0, -200.0, SIDE * 100.0)
+    terrain = prepare_terrain(dem_from_array(flat, wide, LOCAL))
+    height = 10.0
+    elevation, distance = horizon(terrain, MIDDLE, MIDDLE, height, np.array([0.0, 33.0, 90.0, 210.0]))
+    curvature = 0.87 / EARTH_RADIUS_M
+    assert elevation[0] == pytest.approx(np.full(4, -np.degrees(np.sqrt(2.0 * height * curvature))), abs=1e-4)
+    assert distance[0] == pytest.approx(np.full(4, np.sqrt(2.0 * height / curvature)), rel=0.05)
+
+
+def test_the_horizon_of_real_terrain_is_that_of_a_brute_force_march(santa_cruz: Terrain):
+    dem = santa_cruz.dem
+    rng = np.random.default_rng(4)
+    for _ in range(25):
+        row, col = rng.uniform(100.0, 700.0, 2)
+        eye = float(dem.ground_m(row, col)) + 2.0
+        azimuth = rng.uniform(0.0, 360.0)
+        elevation, _ = horizon(santa_cruz, row, col, eye, azimuth)
+        s = np.concatenate([np.arange(0.02, 400.0, 0.02), np.arange(400.0, 30_000.0, 0.2)])
+        e, n = s * np.sin(np.radians(azimuth)), s * np.cos(np.radians(azimuth))
+        frame = santa_cruz.frames.at(np.array([row]), np.array([col]))[0]
+        steps = frame @ np.stack([e, n, e * e, e * n, n * n])
+        tangent = (dem.ground_m(row + steps[0], col + steps[1]) - eye) / s - santa_cruz.drop_per_m2 * s
+        best = int(np.nanargmax(tangent))
+        assert elevation[0, 0] >= np.degrees(np.arctan(tangent[best])) - 1e-4
+        assert elevation[0, 0] == pytest.approx(
+            np.degrees(np.arctan(tangent[best])), abs=0.003 + 0.3 / s[best]
+        )
+
+
+def test_turning_the_grid_does_not_turn_the_horizon(santa_cruz: Terrain):
+    """The same place on a grid with its rows and columns exchanged and mirrored sees the same mirrored horizon."""
+    east, north = east_north()
+    height = 80.0 * np.sin(east / 310.0) * np.cos(north / 230.0) + 0.03 * east
+    straight, turned = prepare_terrain(dem_of(height)), prepare_terrain(dem_of(height.T[::-1, ::-1]))
+    azimuth = np.arange(0.0, 360.0, 11.0)
+    first, _ = horizon(straight, 80.3, 120.6, 150.0, azimuth)
+    # (row, col) -> (last - col, last - row) mirrors east and north into north and east.
+    second, _ = horizon(turned, SIDE - 1 - 120.6, SIDE - 1 - 80.3, 150.0, 90.0 - azimuth)
+    assert first[0] == pytest.approx(second[0], abs=5e-3)
+
+
+def test_a_void_hides_nothing_and_shows_nothing():
+    _, north = east_north()
+    height = np.where(np.isclose(north, 600.0), 100.0, 0.0)
+    height[np.isclose(north, 600.0)] = np.nan
+    terrain = prepare_terrain(dem_of(height))
+    elevation, _ = horizon(terrain, MIDDLE, MIDDLE, 10.0, 0.0)
+    assert elevation[0, 0] < 0.0
+
+
+def test_an_observer_outside_the_grid_looks_in_and_sees_nothing_the_other_way():
+    _, north = east_north()
+    terrain = prepare_terrain(dem_of(np.where(np.isclose(north, 600.0), 100.0, 0.0)))
+    elevation, distance = horizon(terrain, SIDE + 20.0, MIDDLE, 10.0, np.array([0.0, 180.0, 90.0]))
+    south_of_crest = (SIDE + 20.0 - MIDDLE) * CELL_M + 600.0
+    assert distance[0, 0] == pytest.approx(south_of_crest, abs=0.5)
+    assert elevation[0, 1:] == pytest.approx([-90.0, -90.0])
+    assert np.isnan(distance[0, 1:]).all()
+
+
+def test_a_higher_eye_sees_a_lower_horizon(santa_cruz: Terrain):
+    ground = float(santa_cruz.dem.ground_m(400.0, 400.0))
+    azimuth = np.arange(0.0, 360.0, 5.0)
+    low, _ = horizon(santa_cruz, 400.0, 400.0, ground + 2.0, azimuth)
+    high, _ = horizon(santa_cruz, 400.0, 400.0, ground + 50.0, azimuth)
+    assert (high <= low + 1e-9).all()
+
+
+def test_the_rim_is_what_lies_close_to_where_the_dem_ends_or_to_a_void():
+    height = np.zeros((SIDE, SIDE))
+    height[60, 80] = np.nan
+    terrain = prepare_terrain(dem_of(height))
+    index = np.arange(SIDE)
+    outer = (index < RIM_CELLS) | (index >= SIDE - RIM_CELLS)
+    by_void = (np.abs(index - 60) <= RIM_CELLS)[:, None] & (np.abs(index - 80) <= RIM_CELLS)[None, :]
+    assert np.array_equal(terrain.rim, outer[:, None] | outer[None, :] | by_void)
+    lies_there = terrain.is_rim(np.array([-5.0, 60.4, MIDDLE]), np.array([70.0, 77.0, MIDDLE]))
+    assert lies_there.tolist() == [True, True, False]
+
+
+@pytest.fixture(scope="module")
+def with_voids(santa_cruz: Terrain) -> Terrain:
+    rng = np.random.default_rng(3)
+    z_m = santa_cruz.dem.z_m.copy()
+    for _ in range(60):
+        row, col = rng.integers(0, 790, 2)
+        z_m[row : row + rng.integers(1, 12), col : col + rng.integers(1, 12)] = np.nan
+    return prepare_terrain(replace(santa_cruz.dem, z_m=z_m))
+
+
+@pytest.mark.parametrize("beyond_m", [0.0, 60.0])
+@pytest.mark.parametrize("where", ["inside", "north", "south", "west", "east"])
+def test_a_guess_changes_no_ray_wherever_it_points(with_voids: Terrain, where: str, beyond_m: float):
+    rng = np.random.default_rng(7)
+    rows, cols = with_voids.height_m.shape
+    azimuth = np.radians(np.arange(0.0, 360.0, 0.25))
+    for _ in range(8):
+        row, col = rng.uniform(0.0, rows - 1.0), rng.uniform(0.0, cols - 1.0)
+        beside = rng.uniform(-3.0, 8.0)  # of the DEM's end, or outside of it
+        row = {"north": beside, "south": rows - 1.0 - beside}.get(where, row)
+        col = {"west": beside, "east": cols - 1.0 - beside}.get(where, col)
+        at = np.clip(row, 0, rows - 1), np.clip(col, 0, cols - 1)
+        eye_m = 2.0 + float(np.nan_to_num(with_voids.dem.ground_m(*at), nan=300.0))
+        tangent, distance_m = horizon_around(with_voids, row, col, eye_m, azimuth, None, beyond_m)
+        for guess_m in (
+            distance_m,
+            np.roll(distance_m, 1),
+            np.full(len(azimuth), 40.0),
+            rng.uniform(0.0, 15e3, len(azimuth)),
+        ):
+            guessed = horizon_around(with_voids, row, col, eye_m, azimuth, guess_m, beyond_m)
+            np.testing.assert_array_equal(guessed[0], tangent)
+            np.testing.assert_array_equal(guessed[1], distance_m)
+
+
+def test_a_ray_sees_the_part_of_a_cell_in_which_it_leaves_the_dem():
+    _, north = east_north()
+    terrain = prepare_terrain(dem_of(np.where(north > MIDDLE * CELL_M - 1.0, 400.0, 0.0)))  # the last row
+    # Along the diagonal of the last cell the ray leaves by the eastern side; only that row rises.
+    row, col = 3.0, SIDE - 1.25
+    azimuth = np.degrees(np.arctan2(0.25, 2.5))
+    elevation, distance = horizon(terrain, row, col, 2.0, azimuth)
+    way_m = np.hypot(0.25, 2.5) * CELL_M
+    closed = np.degrees(np.arctan((0.5 * 400.0 - 2.0) / way_m - terrain.drop_per_m2 * way_m))
+    assert distance[0, 0] == pytest.approx(way_m, abs=0.3)
+    assert elevation[0, 0] == pytest.approx(closed, abs=0.4)

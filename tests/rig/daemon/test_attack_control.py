@@ -1,0 +1,346 @@
+"""The control socket, and what is asked of a daemon: nobody holds it up or ends it, and its answers are honest."""
+
+import json
+import os
+import queue
+import shutil
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+from contextlib import ExitStack
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+from fakes.attacks import BOM, JSON_ATTACKS, TOML_ATTACKS
+from fakes.located import write_bundle
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from rig.commands.cli import rig
+from rig.config.load import load_config
+from rig.daemon import control as control_module
+from rig.daemon.control import CLIENT_S, MOST_CLIENTS, ControlError, ControlSocket, ask
+from rig.daemon.main_loop import MainLoop
+from rig.daemon.named_files import check_named_files
+from rig.daemon.notify import Notifier
+from rig.daemon.progress import Loops
+from rig.daemon.session import _obstacle
+from rig.daemon.spool.spool import Spool
+from rig.daemon.state import Board
+from rig.daemon.status import status_json, status_text
+from rig.daemon.triggers import Triggers
+from rig.errors import ConfigError
+
+EXAMPLE = Path(__file__).parents[3] / "configs" / "vehicle.toml"
+PATIENCE_S = 30.0
+
+
+class Listening:
+    """A control socket that is served, and whose loop is watched."""
+
+    def __init__(self, path: Path, obstacle: Callable[[], str | None] = lambda: None) -> None:
+        self.path, self.board, self.loops = path, Board(), Loops()
+        self._stop = threading.Event()
+        triggers = Triggers(self.board, obstacle, lambda source: None)
+        self._listener = ControlSocket(path, self.board, triggers)
+        self._thread = threading.Thread(target=self._serve)
+        self._thread.start()
+
+    def _serve(self) -> None:
+        with self.loops.watched("control", 1.0):
+            self._listener.run(lambda: self.loops.beat("control"), self._stop)
+
+    def end(self) -> None:
+        self._stop.set()
+        self._thread.join()
+        self._listener.close()
+
+    def say(self, content: bytes) -> bytes:
+        """What it answers to these bytes, after which nothing comes."""
+        with socket.socket(socket.AF_UNIX) as client:
+            client.settimeout(PATIENCE_S)
+            client.connect(str(self.path))
+            try:
+                client.sendall(content)
+                client.shutdown(socket.SHUT_WR)
+                return client.makefile("rb").readline()
+            except ConnectionError:  # it has heard enough
+                return b'{"error": ""}'
+
+    def lives(self) -> bool:
+        begun_s = time.monotonic()
+        answers = ask(self.path, "status", PATIENCE_S)["activity"] == "starting"
+        return answers and time.monotonic() - begun_s < CLIENT_S / 2 and not self.loops.stuck()
+
+
+@pytest.fixture
+def listening(tmp_path: Path) -> Iterator[Listening]:
+    listening = Listening(tmp_path / "control.sock")
+    yield listening
+    listening.end()
+
+
+@pytest.mark.parametrize("attack", JSON_ATTACKS)
+def test_documents_that_are_attacks_are_answered(listening: Listening, attack: str) -> None:
+    assert "error" in json.loads(listening.say(JSON_ATTACKS[attack][:4000] + b"\n"))
+    assert listening.lives()
+
+
+def test_who_sends_a_byte_now_and_then_holds_up_nobody_and_is_cut_off(
+    listening: Listening, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(control_module, "CLIENT_S", 0.6)
+    with socket.socket(socket.AF_UNIX) as slow, pytest.raises(ConnectionError):  # noqa: PT012
+        slow.connect(str(listening.path))
+        begun_s = time.monotonic()
+        while time.monotonic() - begun_s < PATIENCE_S:
+            slow.sendall(b"[")
+            assert listening.lives()
+            time.sleep(0.1)
+    assert time.monotonic() - begun_s < 5.0, "the deadline is for all that it sends"
+
+
+def test_many_who_say_nothing_keep_nobody_out(listening: Listening) -> None:
+    silent = [socket.socket(socket.AF_UNIX) for _ in range(3 * MOST_CLIENTS)]
+    try:
+        for each in silent:
+            each.settimeout(PATIENCE_S)
+            each.connect(str(listening.path))
+        assert listening.lives()
+    finally:
+        for each in silent:
+            each.close()
+
+
+def test_who_comes_with_many_others_comes_again_until_there_is_room(tmp_path: Path) -> None:
+    """A Unix socket whose backlog is full refuses at once: EAGAIN, whatever timeout there is."""
+    path = tmp_path / "full"
+    with ExitStack() as stack:
+        server = stack.enter_context(socket.socket(socket.AF_UNIX))
+        server.bind(str(path))
+        server.listen(0)
+
+        def serve() -> None:
+            time.sleep(0.3)
+            server.settimeout(PATIENCE_S)
+            for _ in range(2):
+                client, _ = server.accept()
+                stack.callback(client.close)
+            client.recv(4096)
+            client.sendall(b'{"answer": "started"}\n')
+
+        first = stack.enter_context(socket.socket(socket.AF_UNIX))
+        first.connect(str(path))
+        serving = threading.Thread(target=serve)
+        serving.start()
+        stack.callback(serving.join)
+        assert ask(path, "trigger", PATIENCE_S) == {"answer": "started"}
+    with socket.socket(socket.AF_UNIX) as server, socket.socket(socket.AF_UNIX) as first:
+        server.bind(str(tmp_path / "stays full"))
+        server.listen(0)
+        first.connect(str(tmp_path / "stays full"))
+        with pytest.raises(ControlError, match="does not answer"):
+            ask(tmp_path / "stays full", "trigger", 0.3)
+
+
+def test_who_asks_much_and_reads_nothing_is_cut_off(
+    listening: Listening, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(control_module, "CLIENT_S", 0.3)
+    listening.board.set_device("camera", "failing", "x" * 3_000_000)
+    with socket.socket(socket.AF_UNIX) as deaf:
+        deaf.connect(str(listening.path))
+        deaf.sendall(b'{"do": "status"}\n')
+        time.sleep(0.8)
+        assert listening.lives()
+        heard = b""
+        while part := deaf.recv(1 << 20):
+            heard += part
+        assert b"\n" not in heard
+
+
+@settings(max_examples=80, deadline=None, suppress_health_check=list(HealthCheck))
+@given(
+    st.binary(max_size=60)
+    | st.recursive(
+        st.none() | st.booleans() | st.floats() | st.text(max_size=5) | st.sampled_from(["do", "status"]),
+        lambda inner: (
+            st.lists(inner, max_size=3) | st.dictionaries(st.just("do") | st.text(max_size=3), inner)
+        ),
+        max_leaves=5,
+    ).map(lambda value: json.dumps(value).encode() + b"\n")
+)
+def test_any_message_is_answered(listening: Listening, message: bytes) -> None:
+    answer = json.loads(listening.say(message))
+    assert set(answer) & {"error", "answer", "schema"}
+
+
+def test_a_file_that_is_no_socket_is_not_taken_away(tmp_path: Path) -> None:
+    (tmp_path / "diary").write_text("dear diary")
+    with pytest.raises(ControlError, match="something else than a socket"):
+        Listening(tmp_path / "diary")
+    assert (tmp_path / "diary").read_text() == "dear diary"
+
+
+@pytest.mark.parametrize("answer", [b"[" * 100_000 + b"\n", b"[]\n", b"", b"x" * 9_000_000, b"trickle"])
+def test_whoever_asks_outlives_what_answers(tmp_path: Path, answer: bytes) -> None:
+    """Another program may listen at that path."""
+    ended = threading.Event()
+    with socket.socket(socket.AF_UNIX) as liar:
+        liar.bind(str(tmp_path / "s"))
+        liar.listen()
+
+        def lie() -> None:
+            client, _ = liar.accept()
+            with client:
+                try:
+                    while answer == b"trickle" and not ended.is_set():
+                        client.sendall(b"[")
+                        time.sleep(0.05)
+                    client.sendall(answer)
+                except OSError:
+                    pass
+
+        thread = threading.Thread(target=lie)
+        thread.start()
+        begun_s = time.monotonic()
+        with pytest.raises(ControlError) as refusal:
+            ask(tmp_path / "s", "status", 0.5)
+        ended.set()
+        thread.join()
+    assert time.monotonic() - begun_s < 5.0
+    assert len(str(refusal.value)) < 300
+
+
+# ---- honest answers
+
+
+def not_ready_config(folder: Path) -> Path:
+    config = folder / "vehicle.toml"
+    config.write_text('[run]\ndem = ["terrain.tif"]\ncontrol = "control.sock"\n')
+    return config
+
+
+def test_not_ready_comes_with_the_reason(tmp_path: Path) -> None:
+    listening = Listening(tmp_path / "control.sock", lambda: "camera not ready")
+    try:
+        listening.board.set_activity("idle")
+        listening.board.set_device("camera", "failing", "/dev/video0: no such device; plug it in")
+        assert ask(listening.path, "trigger") == {
+            "answer": "not ready",
+            "why": "camera: /dev/video0: no such device; plug it in",
+        }
+        told = CliRunner().invoke(
+            rig, ["trigger", "--config", str(not_ready_config(tmp_path))], standalone_mode=False
+        )
+        assert told.stdout.splitlines()[-1] == "not ready: camera: /dev/video0: no such device; plug it in"
+        assert told.return_value == 4
+    finally:
+        listening.end()
+
+
+def test_a_capture_that_the_reserve_of_the_disk_forbids_is_not_answered_started(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    board = Board()
+    board.set_activity("idle")
+    with Spool(tmp_path / "spool", 100) as spool:
+        triggers = Triggers(board, lambda: _obstacle(board, spool), lambda source: None)
+        usage = shutil.disk_usage(tmp_path)
+        monkeypatch.setattr(shutil, "disk_usage", lambda path: usage._replace(free=22_000_000))
+        assert triggers.trigger("command") == "not ready"
+        why = board.snapshot().storage
+        assert why is not None
+        assert "22 MB are free on its disk" in why
+        assert "full" not in why
+        assert str(tmp_path / "spool") in why
+        assert why in status_text(status_json(board.snapshot()))
+        monkeypatch.undo()
+        assert triggers.trigger("command") == "started"
+        assert board.snapshot().storage is None
+
+
+def test_a_quota_of_bundles_that_are_not_located_is_told_before_the_capture_too(tmp_path: Path) -> None:
+    board = Board()
+    board.set_activity("idle")
+    with Spool(tmp_path / "spool", 10) as spool:
+        assert _obstacle(board, spool) is None
+        folder = write_bundle(spool.bundles_dir, "20261123T043151Z-3f9a")
+        (folder / "more").write_bytes(os.urandom(8_000_000))
+        spool.reconcile()
+        assert "quota_mb" in (_obstacle(board, spool) or "")
+        assert len(spool.entries(5)) == 1, "asking deletes nothing"
+
+
+# ---- the configuration
+
+
+def a_loop(path: Path) -> tuple[MainLoop, Board, "queue.SimpleQueue[Any]"]:
+    """The daemon's main loop with nothing behind it, which reads its configuration anew from ``path``."""
+    config = load_config(EXAMPLE)
+    assert config.run
+    board, terrain = Board(), Future[None]()
+    terrain.set_result(None)
+    search = SimpleNamespace(terrain=terrain, pictures=terrain, wake=lambda: None)
+    inbox: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    triggers = Triggers(board, lambda: None, inbox.put)
+    parts: Any = (board, Notifier(None), triggers, SimpleNamespace(), search, None, None, inbox)
+    return MainLoop(config.run, path, *parts), board, inbox
+
+
+@pytest.mark.parametrize("attack", TOML_ATTACKS)
+def test_a_configuration_that_is_an_attack_is_refused_on_sighup_and_the_daemon_goes_on(
+    tmp_path: Path, attack: str
+) -> None:
+    (tmp_path / "vehicle.toml").write_bytes(TOML_ATTACKS[attack])
+    loop, board, inbox = a_loop(tmp_path / "vehicle.toml")
+    inbox.put("reload")
+    inbox.put(KeyboardInterrupt())
+    with pytest.raises(KeyboardInterrupt):
+        loop.run(lambda: None, lambda: None)
+    assert board.snapshot().counts["configurations refused"] == 1
+
+
+def test_a_missing_dem_is_told_with_key_file_and_advice(tmp_path: Path) -> None:
+    path = tmp_path / "vehicle.toml"
+    path.write_bytes(BOM + EXAMPLE.read_bytes())
+    config = load_config(path)
+    assert config.run
+    with pytest.raises(ConfigError) as refusal:
+        check_named_files(config.run, path)
+    told = str(refusal.value)
+    assert told.startswith(f"{path}: [run] dem: {tmp_path / 'terrain.tif'}: no such file")
+    assert "localizer dem info" in told
+    for make, problem in ((Path.touch, "is empty"), (lambda file: file.write_bytes(b"x"), None)):
+        make(tmp_path / "terrain.tif")
+        if problem:
+            with pytest.raises(ConfigError, match=problem):
+                check_named_files(config.run, path)
+        else:
+            check_named_files(config.run, path)
+
+
+def test_rig_run_ends_at_once_where_a_file_that_it_names_is_missing(tmp_path: Path) -> None:
+    """Before anything of the rig is spoken to: none of its devices exists here, and no word is about them."""
+    path = tmp_path / "vehicle.toml"
+    text = EXAMPLE.read_text()
+    path.write_text(text)
+    begun_s = time.monotonic()
+    told = CliRunner().invoke(rig, ["run", "--config", str(path)])
+    assert isinstance(told.exception, ConfigError)
+    assert "[run] dem" in str(told.exception)
+    assert time.monotonic() - begun_s < 5.0
+    (tmp_path / "terrain.tif").write_bytes(b"II*\0")
+    path.write_text(text.replace('# token_file = "token"', 'token_file = "nowhere"'))
+    told = CliRunner().invoke(rig, ["run", "--config", str(path)])
+    assert "[run.http] token_file" in str(told.exception)
+    assert str(path) in str(told.exception)
+    (tmp_path / "spool").write_text("a file")
+    path.write_text(text)
+    told = CliRunner().invoke(rig, ["run", "--config", str(path)])
+    assert "[run.spool] dir" in str(told.exception)

@@ -1,0 +1,442 @@
+"""What the daemon says over HTTP, and to whom."""
+
+import json
+import re
+import shutil
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fakes.located import ScriptedActions, answer_of, bundle_id, json_of, write_bundle
+from fastapi.testclient import TestClient
+
+from localizer.bundle import Bundle
+from localizer.fix import Fix
+from localizer.track.tracker import Tracker
+from rig.config.run import HttpServer
+from rig.daemon.http.app import make_app
+from rig.daemon.http.guard import read_token
+from rig.daemon.http.map import ReliefMap
+from rig.daemon.http.relay import MOST_STREAMS, Relay, TooManyStreamsError
+from rig.daemon.spool.spool import Entry, Spool, SpoolError
+from rig.daemon.state import Answer, Board, TriggerAnswer
+from rig.errors import ConfigError
+
+TOKEN = "0123456789abcdef0123456789abcdef"
+BEARER = {"Authorization": f"Bearer {TOKEN}"}
+SANTA_CRUZ = Path(__file__).parents[3] / "sim" / "terrain" / "santa_cruz_srtm_1s.tif"
+
+
+class Published:
+    """A daemon's board and spool with the server's application over them."""
+
+    def __init__(self, spool: Spool, token: str | None = TOKEN, dem: Path = SANTA_CRUZ) -> None:
+        self.spool, self.board, self.actions = spool, Board(), ScriptedActions()
+        section = HttpServer(names=("rover.lan",), valid_s=30.0)
+        app = make_app(section, self.board, self.actions, spool, Relay(self.board), ReliefMap([dem]), token)
+        self.client = TestClient(app, base_url="http://localhost")
+
+    def answered(self, answer: Answer) -> None:
+        """As the daemon does when a search has ended."""
+        write_bundle(self.spool.bundles_dir, answer.bundle)
+        self.spool.reconcile()
+        self.spool.set_answer(answer, Tracker())
+        self.board.set_answer(answer)
+
+    def get(self, path: str, **more: Any) -> Any:
+        return json_of(self.client.get(path, **more))
+
+
+@pytest.fixture
+def spool(tmp_path: Path) -> Iterator[Spool]:
+    with Spool(tmp_path / "spool", 100) as spool:
+        yield spool
+
+
+@pytest.fixture
+def published(spool: Spool) -> Iterator[Published]:
+    published = Published(spool)
+    with published.client:
+        yield published
+
+
+# ---- the fix
+
+
+def test_before_the_first_answer_there_is_no_fix_to_be_had(published: Published) -> None:
+    response = published.client.get("/fix")
+    assert response.status_code == 404
+    assert "no answer yet" in response.json()["detail"]
+
+
+def test_a_fix_comes_as_skyfix_fix_1_with_its_age(published: Published) -> None:
+    published.answered(answer_of(bundle_id(1), age_s=12.0))
+    answer = published.get("/fix")
+    assert Fix.model_validate(answer["fix"], strict=False).status == "fix"
+    assert answer["fix"]["schema"] == "skyfix.fix/1"
+    assert 12.0 <= answer["age_s"] < 30.0
+    assert answer["current"] is True
+    assert answer["captured"].endswith("Z")
+
+
+def test_an_old_fix_is_not_current(published: Published) -> None:
+    published.answered(answer_of(bundle_id(1), age_s=31.0))
+    assert published.get("/fix")["current"] is False
+
+
+def test_a_fix_is_not_current_once_the_vehicle_is_seen_to_move(published: Published) -> None:
+    published.board.set_moving()
+    published.answered(answer_of(bundle_id(1), age_s=0.0))
+    assert published.get("/fix")["current"] is True
+    published.board.set_moving()
+    answer = published.get("/fix")
+    assert answer["current"] is False
+    assert answer["moved_on"] is True
+
+
+@pytest.mark.parametrize("status", ["ambiguous", "none"])
+def test_what_is_no_fix_is_not_current_however_young_and_leaves_the_last_fix_to_be_seen(
+    published: Published, status: Any
+) -> None:
+    published.answered(answer_of(bundle_id(1), age_s=10.0))
+    published.answered(answer_of(bundle_id(2), status))
+    state = published.get("/status")
+    assert state["last"]["fix"]["status"] == status
+    assert state["last"]["current"] is False
+    assert state["last_fix"]["bundle"] == bundle_id(1)
+    assert published.get("/fix")["fix"]["status"] == status
+
+
+def test_an_answer_to_a_bundle_that_had_to_wait_does_not_hide_a_newer_fix(published: Published) -> None:
+    published.answered(answer_of(bundle_id(2), age_s=5.0))
+    published.answered(answer_of(bundle_id(1), "none", age_s=4000.0))
+    assert published.get("/fix")["bundle"] == bundle_id(2)
+    assert published.get("/status")["last"]["current"] is True
+
+
+def test_the_state_names_each_device_and_whether_the_rig_is_degraded(published: Published) -> None:
+    published.board.set_device("camera", "ok", "camera 640 x 480")
+    assert published.get("/status")["degraded"] is False
+    published.board.set_device("compass", "failing", "MMC5983MA on i2c 1: no answer")
+    state = published.get("/status")
+    assert state["degraded"] is True
+    assert [(device["name"], device["state"]) for device in state["devices"]] == [
+        ("camera", "ok"),
+        ("compass", "failing"),
+    ]
+
+
+def test_the_track_has_the_fixes_in_order_and_nothing_else(published: Published) -> None:
+    for number, status in enumerate(("fix", "ambiguous", "fix", "none", "fix")):
+        published.answered(answer_of(bundle_id(number), status, east_m=100.0 * number))  # type: ignore[arg-type]
+    assert [point["bundle"] for point in published.get("/track")] == [bundle_id(n) for n in (0, 2, 4)]
+
+
+# ---- bundles
+
+
+def test_a_bundle_comes_out_as_it_was_written(published: Published) -> None:
+    published.answered(answer_of(bundle_id(1)))
+    folder = published.spool.bundles_dir / bundle_id(1)
+    assert [each["id"] for each in published.get("/bundles")] == [bundle_id(1)]
+    document = published.client.get(f"/bundles/{bundle_id(1)}")
+    assert document.content == (folder / "bundle.json").read_bytes()
+    assert Bundle.model_validate_json(document.content).id == bundle_id(1)
+    frame = published.client.get(f"/bundles/{bundle_id(1)}/frames/E.png")
+    assert frame.content == (folder / "frames" / "E.png").read_bytes()
+    assert frame.headers["content-type"] == "image/png"
+    assert published.get(f"/bundles/{bundle_id(1)}/fix")["fix"]["bundle"] == bundle_id(1)
+
+
+def test_the_list_goes_on_where_it_stopped(published: Published) -> None:
+    for number in range(5):
+        published.answered(answer_of(bundle_id(number)))
+    first = published.get("/bundles", params={"limit": 2})
+    then = published.get("/bundles", params={"limit": 10, "before": first[-1]["number"]})
+    assert [each["id"] for each in first + then] == [bundle_id(number) for number in (4, 3, 2, 1, 0)]
+
+
+def test_the_skylines_are_there_once_they_have_been_stored(published: Published) -> None:
+    published.answered(answer_of(bundle_id(1)))
+    path = f"/bundles/{bundle_id(1)}/skylines"
+    assert published.client.get(path).status_code == 404
+    (published.spool.bundles_dir / bundle_id(1) / "skylines.json").write_text('{"bundle":"b","frames":[]}')
+    assert published.get(path) == {"bundle": "b", "frames": []}
+
+
+def test_a_bundle_that_is_gone_leaves_its_answer(published: Published) -> None:
+    published.answered(answer_of(bundle_id(1)))
+    shutil.rmtree(published.spool.bundles_dir / bundle_id(1))
+    published.spool.reconcile()
+    assert published.client.get(f"/bundles/{bundle_id(1)}").status_code == 404
+    assert published.get(f"/bundles/{bundle_id(1)}/fix")["fix"]["status"] == "fix"
+
+
+OUTSIDE = (
+    "%2e%2e",
+    "..%2f..%2fsecret",
+    "..%2f..%2f..%2fsecret",
+    "....//secret",
+    "%2Fetc%2Fpasswd",
+    "..%5c..%5csecret",
+    "index.sqlite",
+    "%00",
+    "\u2024\u2024",
+)
+
+
+@pytest.mark.parametrize(
+    "path", ["/bundles/{}", "/bundles/{}/frames/N.png", "/bundles/ID/frames/{}", "/page/{}"]
+)
+def test_no_path_leaves_the_spool(published: Published, tmp_path: Path, path: str) -> None:
+    (tmp_path / "secret").write_text("what is in it")
+    published.answered(answer_of(bundle_id(1)))
+    for name in OUTSIDE:
+        response = published.client.get(path.replace("ID", bundle_id(1)).format(name))
+        assert response.status_code in (404, 422), name
+        assert "what is in it" not in response.text
+
+
+def test_links_out_of_the_spool_lead_nowhere(published: Published, tmp_path: Path) -> None:
+    outside = write_bundle(tmp_path, "outside")
+    (outside / "skylines.json").write_text("{}")
+    published.answered(answer_of(bundle_id(1)))
+    folder = published.spool.bundles_dir / bundle_id(1)
+    for name in ("frames/N.png", "skylines.json"):
+        (folder / name).unlink(missing_ok=True)
+        (folder / name).symlink_to(outside / name)
+    assert published.client.get(f"/bundles/{bundle_id(1)}/frames/N.png").status_code == 404
+    assert published.client.get(f"/bundles/{bundle_id(1)}/skylines").status_code == 404
+
+    (published.spool.bundles_dir / bundle_id(2)).symlink_to(outside)
+    published.spool.reconcile()
+    assert published.spool.folder_of(bundle_id(2)) is not None
+    assert published.client.get(f"/bundles/{bundle_id(2)}").status_code == 404
+
+
+def test_a_frame_whose_file_leads_outside_is_not_served(published: Published, tmp_path: Path) -> None:
+    (tmp_path / "secret.png").write_text("secret")
+    published.answered(answer_of(bundle_id(1)))
+    document = published.spool.bundles_dir / bundle_id(1) / "bundle.json"
+    fields = json.loads(document.read_text())
+    fields["frames"][0]["file"] = "../../../secret.png"
+    document.write_text(json.dumps(fields))
+    response = published.client.get(f"/bundles/{bundle_id(1)}/frames/secret.png")
+    assert response.status_code == 503
+    assert "a path inside the bundle" in response.json()["detail"]
+
+
+# ---- acting
+
+
+@pytest.mark.parametrize(
+    ("answer", "status"), [("started", 202), ("busy", 409), ("not ready", 503), ("stopping", 503)]
+)
+def test_a_capture_is_asked_for_with_the_token_and_the_answer_is_passed_on(
+    published: Published, answer: TriggerAnswer, status: int
+) -> None:
+    published.actions.answer = answer
+    response = published.client.post("/capture", headers=BEARER)
+    assert response.status_code == status
+    assert published.actions.asked == ["http"]
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {},
+        {"Authorization": "Bearer "},
+        {"Authorization": f"Bearer {TOKEN[:-1]}"},
+        {"Authorization": f"Bearer {TOKEN}x"},
+        {"Authorization": f"Basic {TOKEN}"},
+        {"Authorization": "Bearer \u00e9\u00e9".encode("latin-1")},
+    ],
+)
+def test_without_the_token_nothing_is_done(published: Published, headers: dict[str, Any]) -> None:
+    response = published.client.post("/capture", headers=headers)
+    assert response.status_code == 401
+    assert response.headers["www-authenticate"] == "Bearer"
+    assert published.actions.asked == []
+
+
+def test_without_a_token_file_nothing_can_be_done(spool: Spool) -> None:
+    published = Published(spool, token=None)
+    with published.client:
+        response = published.client.post("/capture", headers=BEARER)
+        assert response.status_code == 403
+        assert "token_file" in response.json()["detail"]
+        assert published.actions.asked == []
+        assert published.get("/status")["can_act"] is False
+
+
+def test_the_token_is_not_to_be_had_from_a_get(published: Published) -> None:
+    assert published.client.get("/capture", headers=BEARER).status_code == 405
+    assert published.actions.asked == []
+
+
+@pytest.mark.parametrize(
+    ("content", "problem"),
+    [
+        (None, "No such file"),
+        (b"", "holds no token"),
+        (b"short\n", "16 characters"),
+        (b"two words that are long", "one word"),
+        (b"\xff" * 20, "ASCII"),
+    ],
+)
+def test_a_token_that_cannot_be_used_is_refused_at_the_start(
+    tmp_path: Path, content: bytes | None, problem: str
+) -> None:
+    file = tmp_path / "token"
+    if content is not None:
+        file.write_bytes(content)
+    with pytest.raises(ConfigError, match=problem) as refused:
+        read_token(file)
+    assert "token_file" in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_token_is_read_without_its_line_end(tmp_path: Path) -> None:
+    file = tmp_path / "token"
+    file.write_text(f"{TOKEN}\n")
+    file.chmod(0o600)
+    assert read_token(file) == TOKEN
+
+
+# ---- who asks
+
+
+@pytest.mark.parametrize(
+    "host", ["localhost", "localhost:8080", "127.0.0.1:1", "[::1]:8080", "192.168.1.20", "ROVER.lan:8080"]
+)
+def test_names_of_this_machine_and_addresses_are_answered(published: Published, host: str) -> None:
+    assert published.client.get("/status", headers={"Host": host}).status_code == 200
+
+
+@pytest.mark.parametrize(
+    "host",
+    [
+        "evil.example",
+        "evil.example:8080",
+        "localhost.evil.example",
+        "127.0.0.1.evil.example",
+        "",
+        "localhost:x",
+        "a b",
+    ],
+)
+def test_a_name_that_merely_resolves_to_this_machine_is_not_answered(published: Published, host: str) -> None:
+    for path in ("/status", "/", "/events", "/page/app.js"):
+        response = published.client.get(path, headers={"Host": host})
+        assert response.status_code == 421
+        assert "names" in response.text
+    assert published.client.post("/capture", headers={"Host": host, **BEARER}).status_code == 421
+    assert published.actions.asked == []
+
+
+def test_all_answers_carry_the_security_headers(published: Published) -> None:
+    for path in ("/", "/status", "/fix", "/nothing", "/openapi.json"):
+        headers = published.client.get(path).headers
+        policy = headers["content-security-policy"]
+        assert "default-src 'none'" in policy
+        assert "unsafe" not in policy
+        assert headers["x-content-type-options"] == "nosniff"
+        assert "access-control-allow-origin" not in headers
+
+
+# ---- the rest
+
+
+def test_the_page_is_there_with_all_that_it_names(published: Published) -> None:
+    asked, wanted = set(), {"/"}
+    while wanted - asked:
+        path = min(wanted - asked)
+        asked.add(path)
+        response = published.client.get(path)
+        assert response.status_code == 200, path
+        assert response.headers["cache-control"] == "no-cache"
+        wanted |= set(re.findall(r'(?:href|src)="(/page/[^"]+)"', response.text))
+        wanted |= {f"/page/{name}" for name in re.findall(r'from "\./([^"]+)"', response.text)}
+        assert not re.search(r"https?://(?!www\.w3\.org/)", response.text), path
+    assert {"/page/style.css", "/page/app.js", "/page/map.js", "/page/words.js"} <= asked
+
+
+def test_the_metrics_tell_counts_ages_and_devices_and_no_age_where_there_is_no_fix(
+    published: Published,
+) -> None:
+    published.board.set_device("camera", "failing", "gone")
+    published.board.count("captures failed", 3)
+    text = published.client.get("/metrics").text
+    assert 'skyfix_device{device="camera",state="failing"} 1.0' in text
+    assert 'skyfix_happened_total{what="captures failed"} 3.0' in text
+    assert "skyfix_fix_age_seconds" not in text
+
+    published.answered(answer_of(bundle_id(1), age_s=40.0))
+    for _ in range(2):  # at the first time already, and counted once
+        text = published.client.get("/metrics").text
+        assert "skyfix_answer_delay_seconds_count 1.0" in text
+        assert "_created" not in text
+    values = dict(line.rsplit(" ", 1) for line in text.splitlines() if not line.startswith("#"))
+    assert 40.0 <= float(values["skyfix_fix_age_seconds"]) < 100.0
+    assert float(values["skyfix_answer_delay_seconds_sum"]) == pytest.approx(20.0, abs=1.0)
+    assert float(values["skyfix_answer_delay_seconds_count"]) == 1.0
+    assert float(values['skyfix_search_seconds_sum{part="refine"}']) == pytest.approx(0.4)
+
+
+def test_a_map_that_cannot_be_drawn_is_told_in_one_line(spool: Spool, tmp_path: Path) -> None:
+    published = Published(spool, dem=tmp_path / "gone.tif")
+    with published.client:
+        response = published.client.get("/map")
+    assert response.status_code == 503
+    assert "gone.tif" in response.json()["detail"]
+    assert "Traceback" not in response.text
+
+
+def test_a_spool_that_cannot_be_read_is_told_in_one_line(
+    published: Published, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(limit: int, before: int | None = None) -> list[Entry]:
+        raise SpoolError("spool/index.sqlite: disk I/O error; look at the disk")
+
+    monkeypatch.setattr(published.spool, "entries", broken)
+    response = published.client.get("/bundles")
+    assert response.status_code == 503
+    assert "index.sqlite: disk I/O error" in response.json()["detail"]
+
+
+def test_openapi_knows_every_path_and_what_it_answers(published: Published) -> None:
+    paths = published.get("/openapi.json")["paths"]
+    assert set(paths) == {
+        "/fix",
+        "/status",
+        "/events",
+        "/log",
+        "/capture",
+        "/map",
+        "/map/relief.webp",
+        "/track",
+        "/metrics",
+        "/bundles",
+        "/bundles/{bundle_id}",
+        "/bundles/{bundle_id}/frames/{file_name}",
+        "/bundles/{bundle_id}/skylines",
+        "/bundles/{bundle_id}/fix",
+    }
+    assert paths["/capture"]["post"]["security"]
+    for path, methods in paths.items():
+        for method in methods.values():
+            for status, response in method["responses"].items():
+                assert response.get("content"), (path, status)
+
+
+def test_no_more_streams_are_served_than_can_be() -> None:
+    relay = Relay(Board())
+    with ExitStack() as held:
+        for _ in range(MOST_STREAMS):
+            held.enter_context(relay.stream())
+        with pytest.raises(TooManyStreamsError), relay.stream():
+            pass
+    with relay.stream():
+        assert relay.streams == 1
