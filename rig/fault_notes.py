@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from rig import feed
+from rig import event_bus
 from rig.clock import Instant
 
 _log = logging.getLogger(__name__)
@@ -71,7 +71,7 @@ _collectors: list[FaultNotes] = []
 def note_fault(device: str, problem: str, action: str) -> None:
     """A fault that does not end the command: which device, what happened, what was done about it."""
     _log.info("%s: %s; %s", device, problem, action)
-    feed.publish(feed.Step("warning", device, f"{problem}; {action}"))
+    event_bus.publish(event_bus.Step("warning", device, f"{problem}; {action}"))
     for notes in list(_collectors):
         notes.add(device, problem, action)
 

@@ -20,8 +20,8 @@ from typing import IO, Protocol
 
 from localizer.bundle import FILE_NAME, Bundle
 from rig.atomic import sync
-from rig.bundle.facts import TABLE_COLUMNS, table_rows
 from rig.bundle.limits import ArchiveError
+from rig.bundle.summary import TABLE_COLUMNS, table_rows
 from rig.bundle.unpack import SUMS_NAME, bundles_of_archive, unpack_archive
 from rig.bundle.writer import LEAST_FREE_BYTES, existing_part
 

@@ -12,7 +12,7 @@ from localizer.os_errors import why_not_written
 from localizer.skyline.find import CONFIDENT, ColumnState, Skyline
 from localizer.skyline.upright import Upright, frame_skyline, upright
 from rig.atomic import write_atomically
-from rig.bundle.facts import facts, how_often
+from rig.bundle.summary import facts, how_often
 from rig.errors import RigError
 
 Image = NDArray[np.uint8]

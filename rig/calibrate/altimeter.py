@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from rig import clock
 from rig.attitude.altitude import PressureReference, altitude_m, metres_per_hpa
 from rig.calibrate.figures import new_figure
-from rig.calibrate.result import Session
+from rig.calibrate.run import Session
 from rig.config.calibration_files import AltimeterCalibration, CalibrationError
 from rig.devices.bus.retry import retry
 from rig.devices.connect import open_altimeter

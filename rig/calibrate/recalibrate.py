@@ -16,8 +16,8 @@ from rig.attitude.kinematics import JointAngles
 from rig.attitude.level import HeadLevel, tilt_roll_deg
 from rig.bundle.writer import Measurement, require_writable, write_bundle
 from rig.capture import derive
-from rig.capture.measure import MeanPressure, altitude_from
-from rig.capture.standing import MeanField, Stop, standing_from
+from rig.capture.averaged_readings import MeanPressure, altitude_from
+from rig.capture.base_attitude import MeanField, Stop, standing_from
 from rig.config.calibration_files import AppliedCalibration, CalibrationError, parse_calibration
 from rig.config.model import RigConfig, with_calibrations
 from rig.config.sections import InclinometerSection

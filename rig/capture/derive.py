@@ -13,7 +13,7 @@ from localizer.bundle import Camera as BundleCamera
 from rig.attitude.kinematics import Attitude, Head, JointAngles, measured_pointing
 from rig.attitude.level import HeadLevel
 from rig.bundle.writer import FrameRecord
-from rig.capture.standing import Standing, Stop
+from rig.capture.base_attitude import Standing, Stop
 from rig.config.model import RigConfig
 
 MOST_SIGMA_DEG = 180.0

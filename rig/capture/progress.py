@@ -7,7 +7,7 @@ from typing import Protocol
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-from rig import feed
+from rig import event_bus
 
 
 class Reporter(Protocol):
@@ -30,12 +30,12 @@ class Published:
 
     def doing(self, what: str) -> None:
         """Pass on."""
-        feed.publish(feed.Step("info", "capture", what))
+        event_bus.publish(event_bus.Step("info", "capture", what))
         self._report.doing(what)
 
     def done(self, what: str) -> None:
         """Pass on."""
-        feed.publish(feed.Step("info", "capture", what))
+        event_bus.publish(event_bus.Step("info", "capture", what))
         self._report.done(what)
 
 

@@ -9,7 +9,7 @@ from rig.attitude.declination import declination
 from rig.attitude.heading import PLAUSIBLE_FIELD_UT, circular_mean_deg
 from rig.attitude.kinematics import wrapped_deg
 from rig.attitude.level import in_axes
-from rig.check.row import DeviceCheck
+from rig.check.result import DeviceCheck
 from rig.config.sections import Mmc5983maSection, NmeaCompassSection, Place
 from rig.devices.readings import FieldReading, HeadingReading
 from rig.errors import RigError

@@ -8,7 +8,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from rig.check.row import DeviceCheck
+from rig.check.result import DeviceCheck
 
 PLAIN_WIDTH = 160  # of the table where there is no terminal to fit it into
 

@@ -7,9 +7,9 @@ import click
 
 from localizer.bundle import load_bundle
 from localizer.commands.command_line import OutputFolder
-from rig.bundle.facts import facts
+from rig.bundle.summary import facts
 from rig.commands.bundle_export import export, import_
-from rig.commands.bundle_look import json_option, list_, show, verify
+from rig.commands.bundle_inspect import json_option, list_, show, verify
 from rig.commands.options import config_option
 
 

@@ -8,7 +8,7 @@ import click
 from localizer.bundle import BundleError
 from localizer.commands.command_line import OutputFolder
 from rig.bundle.archive import unpack_archive, write_archive
-from rig.commands.bundle_look import json_option, loaded
+from rig.commands.bundle_inspect import json_option, loaded
 from rig.commands.options import folders_argument
 from rig.commands.signals import stopping_cleanly
 

@@ -16,7 +16,7 @@ from rig.commands.signals import stopping_cleanly
 if TYPE_CHECKING:
     from rig.calibrate.boresight.known_place import KnownPlace
     from rig.calibrate.camera.target import Board
-    from rig.calibrate.result import Session
+    from rig.calibrate.run import Session
 
 Command = Callable[..., Any]
 
@@ -49,7 +49,7 @@ class Asked:
     @contextmanager
     def session(self) -> Iterator["Session"]:
         """The calibration begins; a signal ends it through its clean-up."""
-        from rig.calibrate.result import Session
+        from rig.calibrate.run import Session
 
         session = Session.open(self.config_file, self.out_dir, self.yes, self.as_json)
         with stopping_cleanly():

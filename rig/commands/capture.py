@@ -141,9 +141,9 @@ def _take_one(
     config: RigConfig, directions: list[Direction], out_dir: Path, dem: "Dem | None", as_json: bool
 ) -> int:
     from localizer.bundle import load_bundle
-    from rig.bundle.facts import facts
-    from rig.capture.capture import capture as take
+    from rig.bundle.summary import facts
     from rig.capture.progress import reporting
+    from rig.capture.sequence import capture as take
 
     begun_s = time.monotonic()
     with stopping_cleanly(), reporting(1 + len(directions)) as report:
@@ -182,10 +182,10 @@ def _take_series(
     as_json: bool,
 ) -> int:
     from rig.bundle.writer import require_writable
-    from rig.capture.capture import capture as take
     from rig.capture.progress import reporting
+    from rig.capture.sequence import capture as take
+    from rig.series.console import Reports
     from rig.series.journal import Plan, begin_series, held, unfinished_series
-    from rig.series.report import Reports
     from rig.series.run import take_series
     from rig.series.space import require_space
 

@@ -103,8 +103,8 @@ def _look_at(config: RigConfig, azimuth_deg: float, tilt_deg: float) -> dict[str
     """Where the head stands and the camera looks after it was turned to a true azimuth and a tilt."""
     from rig.attitude.kinematics import Head, JointAngles, joints_for
     from rig.capture import derive
-    from rig.capture.measure import still_level
-    from rig.capture.standing import measure_standing
+    from rig.capture.averaged_readings import still_level
+    from rig.capture.base_attitude import measure_standing
     from rig.devices.connect import connect
 
     if config.compass is None:

@@ -6,13 +6,13 @@ from collections.abc import Callable
 
 import structlog
 
-from rig.capture.capture import capture
+from rig.capture.sequence import capture
 from rig.config.model import RigConfig
-from rig.daemon.device_watch import DeviceWatch, Hardware
+from rig.daemon.device_monitor import DeviceWatch, Hardware
 from rig.daemon.odometry.receiver import Odometer
-from rig.daemon.spool.spool import Spool, SpoolError, SpoolFullError
+from rig.daemon.signals import Signals, StopRequestedError
+from rig.daemon.spool.store import Spool, SpoolError, SpoolFullError
 from rig.daemon.state import Board, TriggerSource
-from rig.daemon.stopping import Signals, StopRequestedError
 from rig.devices.connect import open_pan_tilt
 from rig.errors import RigError
 

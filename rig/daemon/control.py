@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from localizer.documents import DocumentError, json_values
-from rig.daemon.obstacle import reason
+from rig.daemon.readiness import reason
 from rig.daemon.state import Actions, Board
 from rig.daemon.status import status_json
 from rig.errors import RigError

@@ -15,7 +15,7 @@ import structlog
 from structlog.typing import EventDict, WrappedLogger
 
 from rig.clock import utc_now
-from rig.daemon.seldom import Seldom
+from rig.daemon.log_rate_limit import Seldom
 from rig.daemon.state import Board
 
 PRIORITIES = {"critical": 2, "error": 3, "warning": 4, "info": 6, "debug": 7}

@@ -15,14 +15,14 @@ from rig.config.load import load_config
 from rig.config.model import RigConfig
 from rig.config.run import RunSection
 from rig.daemon.captures import Captures
-from rig.daemon.device_watch import all_tried, obstacle
+from rig.daemon.device_monitor import all_tried, obstacle
 from rig.daemon.memory import give_back
 from rig.daemon.named_files import check_named_files
 from rig.daemon.notify import Notifier
 from rig.daemon.odometry.receiver import Odometer
-from rig.daemon.search.loop import Search, restore
+from rig.daemon.search.locate_loop import Search, restore
 from rig.daemon.search.process import SearchProcess
-from rig.daemon.spool.spool import ODOMETER, Spool, SpoolError
+from rig.daemon.spool.store import ODOMETER, Spool, SpoolError
 from rig.daemon.state import Board, Snapshot, TriggerSource
 from rig.daemon.triggers import Triggers
 from rig.errors import ConfigError

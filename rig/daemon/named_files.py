@@ -7,7 +7,7 @@ from pathlib import Path
 from localizer.dem.names import is_gdal_name
 from rig.bundle.writer import existing_part
 from rig.config.run import RunSection
-from rig.daemon.http.guard import read_token
+from rig.daemon.http.access_control import read_token
 from rig.errors import ConfigError
 
 

@@ -5,8 +5,8 @@ from contextlib import ExitStack
 import structlog
 
 from rig.config.run import RunSection
-from rig.daemon.progress import Loops
-from rig.daemon.spool.spool import Spool
+from rig.daemon.heartbeat import Loops
+from rig.daemon.spool.store import Spool
 from rig.daemon.state import Actions, Board
 
 _log = structlog.get_logger(__name__)

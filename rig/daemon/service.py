@@ -11,14 +11,14 @@ from localizer.errors import SkyfixError
 from rig.config.load import load_config
 from rig.config.model import RigConfig
 from rig.daemon.boot import process_age_s
+from rig.daemon.heartbeat import watchdog
 from rig.daemon.log import logging_to
 from rig.daemon.main_loop import refused, run_of, status_line
 from rig.daemon.named_files import check_named_files
 from rig.daemon.notify import notifier_of
-from rig.daemon.progress import watchdog
-from rig.daemon.session import Shared, session
+from rig.daemon.runtime import Shared, session
+from rig.daemon.signals import Signals, StopRequestedError
 from rig.daemon.state import Board
-from rig.daemon.stopping import Signals, StopRequestedError
 
 _log = structlog.get_logger(__name__)
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from rig.capture.measure import utc_text
+from rig.capture.averaged_readings import utc_text
 from rig.clock import Instant
 from rig.daemon.state import Answer, Snapshot
 from rig.version import package_version

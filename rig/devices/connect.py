@@ -16,7 +16,7 @@ from rig.config.sections import (
     PanTiltSection,
 )
 from rig.devices.bus.i2c_chip import open_chip
-from rig.devices.camera.camera import Camera
+from rig.devices.camera.driver import Camera
 from rig.devices.pan_tilt import PanTilt
 from rig.devices.readings import AccelerationReading, FieldReading, HeadingReading, PressureReading
 from rig.devices.sensors.adxl355 import Adxl355
@@ -24,7 +24,7 @@ from rig.devices.sensors.bmp3 import Bmp3
 from rig.devices.sensors.iis2iclx import Iis2iclx
 from rig.devices.sensors.mmc5983ma import Mmc5983ma
 from rig.devices.sensors.ms5611 import Ms5611
-from rig.devices.sensors.reviving import Reviving, Sensor
+from rig.devices.sensors.reconnecting import Reviving, Sensor
 from rig.devices.sensors.talker import nmea_barometer, nmea_compass, vaisala_pa50
 from rig.errors import DeviceError
 from rig.fault_notes import note_fault

@@ -13,7 +13,7 @@ from functools import partial
 from types import TracebackType
 from typing import Protocol, Self
 
-from rig import feed
+from rig import event_bus
 from rig.config.keep_out import Zone, lies_in_a_zone, route
 from rig.devices.bus.deadline import Deadline
 from rig.devices.bus.retry import retry
@@ -326,7 +326,7 @@ class PanTilt:
             alerts=self._alerts(states),
             monotonic_s=pan.monotonic_s,
         )
-        feed.publish(state)
+        event_bus.publish(state)
         return state
 
     def _alerts(self, states: list[ServoState]) -> tuple[str, ...]:

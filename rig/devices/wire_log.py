@@ -21,7 +21,7 @@ from typing import Any
 from localizer.os_errors import why_not_written
 from rig.clock import utc_now
 from rig.config.model import RigConfig
-from rig.devices.bus import tap
+from rig.devices.bus import monitor
 from rig.errors import RigError
 
 LOG_VERSION = 1
@@ -73,10 +73,10 @@ def recording(path: Path, config: RigConfig) -> Iterator[None]:
         file.write(json.dumps({"skyfix_log": LOG_VERSION, "utc": utc, "config": settings}) + "\n")
     except OSError as error:
         raise RecordError(f"{path}: {why_not_written(error, 'choose another name')}") from error
-    tap.listen(write)
+    monitor.listen(write)
     try:
         yield
     finally:
-        tap.ignore(write)
+        monitor.ignore(write)
         with lock, suppress(OSError):  # of a line that could not be written, which was told
             file.close()

@@ -27,7 +27,7 @@ from localizer.bundle import Bundle, is_bundle_id
 from localizer.documents import DocumentError, json_values, read_file
 from localizer.os_errors import why_not_read, why_not_written
 from rig.atomic import sync, write_atomically
-from rig.capture.measure import utc_text
+from rig.capture.averaged_readings import utc_text
 from rig.clock import wall_clock
 from rig.errors import RigError
 

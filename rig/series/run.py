@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from localizer.bundle import Bundle, BundleError, load_bundle
-from rig.bundle.facts import bundles_in, extra_of, readings
+from rig.bundle.summary import bundles_in, extra_of, readings
 from rig.clock import wall_clock
 from rig.errors import RigError
 from rig.series.journal import Outcome, Series

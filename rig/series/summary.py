@@ -7,7 +7,7 @@ import numpy as np
 
 from rig.attitude.heading import circular_mean_deg
 from rig.attitude.kinematics import wrapped_deg
-from rig.capture.measure import utc_text
+from rig.capture.averaged_readings import utc_text
 from rig.series.journal import Series
 
 ROUND = ("heading_deg", "azimuth_deg")  # angles without a beginning

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from rig.atomic import write_atomically
 from rig.errors import RigError
+from rig.service.access_check import unreachable
 from rig.service.files import ServiceFile, State, program, service_files
-from rig.service.reach import unreachable
 
 Say = Callable[[str], None]
 

@@ -18,14 +18,14 @@ from scipy.spatial.transform import Rotation
 
 from rig import clock
 from rig.attitude.kinematics import Attitude, Head, JointAngles, body_rotation, camera_rotation, head_rotation
-from rig.capture.capture import View
-from rig.capture.measure import AltitudeReading
-from rig.capture.standing import Standing
+from rig.capture.averaged_readings import AltitudeReading
+from rig.capture.base_attitude import Standing
+from rig.capture.sequence import View
 from rig.config.model import RigConfig
-from rig.devices.camera.camera import TimedFrame
+from rig.devices.camera.driver import TimedFrame
 from rig.devices.pan_tilt import HeadState
 from rig.devices.readings import AccelerationReading, FieldReading, HeadingReading, PressureReading
-from rig.feed import Step
+from rig.event_bus import Step
 from rig.telemetry import schemas
 from rig.telemetry.schemas import Schema
 

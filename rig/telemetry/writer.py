@@ -18,9 +18,9 @@ from typing import IO
 from mcap.writer import Writer
 
 from localizer.os_errors import why_not_written
-from rig import feed
+from rig import event_bus
 from rig.config.model import RigConfig
-from rig.devices.camera.camera import TimedFrame
+from rig.devices.camera.driver import TimedFrame
 from rig.errors import RigError
 from rig.telemetry.messages import Message, messages_of, opening, time_ns
 
@@ -43,11 +43,11 @@ def recording(path: Path, config: RigConfig) -> Iterator[Path]:
     """
     path, file = _new_file(path)
     recorder = _Recorder(file, path, config)
-    feed.listen(recorder.take)
+    event_bus.listen(recorder.take)
     try:
         yield path
     finally:
-        feed.ignore(recorder.take)
+        event_bus.ignore(recorder.take)
         recorder.end()
 
 

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from rig.attitude.altitude_plausibility import AltitudeBounds, altitude_bounds, require_possible
 from rig.attitude.level import in_axes
-from rig.attitude.possible_altitude import AltitudeBounds, altitude_bounds, require_possible
 from rig.attitude.talker_headings import heading_doubts
-from rig.capture.measure import altitude_from, read_level, read_pressure
-from rig.check.check import BRIGHT, DARK
+from rig.capture.averaged_readings import altitude_from, read_level, read_pressure
+from rig.check.devices import BRIGHT, DARK
 from rig.config.model import RigConfig
 from rig.config.sections import (
     AltimeterSection,
@@ -29,7 +29,7 @@ from rig.config.sections import (
 from rig.config.sections import Servo as ServoSection
 from rig.devices.bus.retry import retry
 from rig.devices.bus.serial_port import SerialPort
-from rig.devices.camera.camera import Camera, TimedFrame
+from rig.devices.camera.driver import Camera, TimedFrame
 from rig.devices.connect import open_altimeter, open_compass, open_inclinometer
 from rig.devices.dynamixel.servo import Servo, read_states, require_models
 from rig.devices.dynamixel.servo_bus import ServoBus

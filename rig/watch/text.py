@@ -8,7 +8,7 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from rig.capture.measure import utc_text
+from rig.capture.averaged_readings import utc_text
 from rig.clock import utc_now
 from rig.fault_notes import FaultNote
 from rig.watch.attitudes import Attitudes, fresh_values

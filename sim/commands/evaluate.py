@@ -92,9 +92,9 @@ def evaluate(
     from sim.evaluate.case import Experiment
     from sim.evaluate.image_level import refuse_contour_faults
     from sim.evaluate.progress import counting
-    from sim.evaluate.report import write_report
     from sim.evaluate.run import run_cases
     from sim.evaluate.scenario import load_evaluation_scenario
+    from sim.evaluate.summary_files import write_report
 
     scenario = load_evaluation_scenario(scenario_path)
     if level == "image":

@@ -14,7 +14,7 @@ from sim.commands.failures import one_line_failures
 from sim.commands.options import EMBEDDED_DEM, dem_option
 
 if TYPE_CHECKING:
-    from sim.rigs.rigs import RigResult
+    from sim.rigs.calibration_trial import RigResult
 
 HERE = Path(__file__).parents[1]
 UNCALIBRATED = HERE.parent / "configs" / "scenarios" / "uncalibrated.toml"
@@ -63,7 +63,7 @@ def rigs(
 
     Example: sim rigs --rigs 20 --csv rigs.csv
     """
-    from sim.rigs.rigs import calibrate_rigs, write_csv
+    from sim.rigs.calibration_trial import calibrate_rigs, write_csv
     from sim.world.scenario import load_scenario
 
     so_far: list[RigResult] = []
@@ -91,7 +91,7 @@ def rigs(
 
 def one_line(result: "RigResult") -> str:
     """What is left in the bundles of one rig, or why there are none."""
-    from sim.rigs.rigs import LIMITS
+    from sim.rigs.calibration_trial import LIMITS
 
     errors = ", ".join(f"{name} {getattr(result, name):.3f}" for name in LIMITS)
     return f"rig {result.seed}: {result.refused or errors}"
@@ -99,7 +99,7 @@ def one_line(result: "RigResult") -> str:
 
 def to_json(results: Sequence["RigResult"]) -> str:
     """All rigs, and the limits that their errors are held against; null for what was not measured."""
-    from sim.rigs.rigs import LIMITS
+    from sim.rigs.calibration_trial import LIMITS
 
     rows = [
         {
@@ -120,7 +120,7 @@ def print_table(results: Sequence["RigResult"]) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from sim.rigs.rigs import LIMITS
+    from sim.rigs.calibration_trial import LIMITS
 
     names = {
         "tilt_deg": "tilt",

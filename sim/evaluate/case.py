@@ -20,7 +20,7 @@ from sim.evaluate.disturb import disturb, true_contours
 from sim.evaluate.image_level import write_pictures
 from sim.evaluate.row import CaseRow, compact_json
 from sim.evaluate.scenario import EvaluationScenario
-from sim.evaluate.searched import HALVES, Side, beyond, searched_terrain, terrain_of_twins
+from sim.evaluate.searched_dem import HALVES, Side, beyond, searched_terrain, terrain_of_twins
 from sim.evaluate.truth import Generators, Truth, case_generators, draw_truth, truth_at
 from sim.evaluate.twins import draw_twins
 from sim.world.surface import Surface

@@ -9,7 +9,7 @@ from localizer.observation import Observation
 from sim.evaluate.disturb import Disturbed
 from sim.evaluate.scenario import EvaluationScenario
 from sim.evaluate.truth import TrueFrame, Truth
-from sim.paper.observing import frame_observation
+from sim.paper.observations import frame_observation
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from sim.evaluate.scenario import DemError, EvaluationScenario
-from sim.paper.observing import aimed_tilt_deg, half_view_deg
+from sim.paper.observations import aimed_tilt_deg, half_view_deg
 from sim.world.mechanics import Attitude, Rotation, camera_in_world
 from sim.world.scenario import Scenario
 from sim.world.scenario import Vehicle as RigVehicle

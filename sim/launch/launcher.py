@@ -28,7 +28,7 @@ from sim.launch.fitted_sensors import FittedChip, FittedTalker
 from sim.launch.odometer import talking_odometer
 from sim.launch.rig_config import rig_config, run_tables
 from sim.launch.steering import SOCKET_NAME, steered
-from sim.render.eye import Eye, Picture
+from sim.render.scene_camera import Eye, Picture
 from sim.world.mechanics import Attitude, JointState
 from sim.world.truth import World
 

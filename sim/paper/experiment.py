@@ -19,7 +19,7 @@ from localizer.search.answer import Located
 from localizer.search.grid_only import grid_only_estimate
 from localizer.search.locate import locate
 from sim.errors import SimulationError
-from sim.paper.observing import aimed_tilt_deg, frame_observation
+from sim.paper.observations import aimed_tilt_deg, frame_observation
 from sim.world.contour import skyline_contour
 from sim.world.mechanics import Attitude, camera_in_world
 from sim.world.scenario import CameraOptics

@@ -7,8 +7,8 @@ from typing import Any
 
 from sim.devices.dynamixel_packet import HEADER, Instruction, Request, RequestReader
 from sim.devices.pty_port import PtyPort
-from sim.replay.recorded import Asked, Recorded, epoch_heard
 from sim.replay.registers import RESERVED, set_up_answer
+from sim.replay.response_lookup import Asked, Recorded, epoch_heard
 
 NO_ACKNOWLEDGE = 121
 LISTENER_S = 0.3

@@ -16,9 +16,9 @@ from rig.config.model import RigConfig
 from rig.devices.bus.retry import retry
 from rig.devices.connect import open_altimeter, open_compass, open_inclinometer, open_pan_tilt
 from rig.devices.readings import FieldReading
-from rig.devices.sensors.reviving import Sensor
+from rig.devices.sensors.reconnecting import Sensor
 from sim.errors import SimulationError
-from sim.replay.replay import load_log, replayed
+from sim.replay.playback import load_log, replayed
 
 LOGS = sorted(Path(__file__).parent.glob("*.log"))
 FIRST = 2

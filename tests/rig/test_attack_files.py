@@ -29,27 +29,27 @@ from localizer.track.tracker import TrackerError
 from rig.bundle.writer import BundleWriteError, FrameRecord, Measurement, write_bundle
 from rig.calibrate.camera.procedure import views_from_files
 from rig.calibrate.camera.target import parse_board
+from rig.calibrate.config_edit import name_in_config
 from rig.calibrate.inclinometer.temperature import read_drift
-from rig.calibrate.naming import name_in_config
 from rig.clock import utc_now
 from rig.commands.cli import rig
 from rig.config.calibration_files import CalibrationError, read_calibration
 from rig.config.load import load_config
 from rig.config.run import control_in_bad
-from rig.daemon.http.guard import read_token
+from rig.daemon.http.access_control import read_token
 from rig.daemon.spool.index import stored_leg
-from rig.daemon.spool.spool import Spool
+from rig.daemon.spool.store import Spool
 from rig.errors import ConfigError
 from rig.series.journal import SeriesError, held, load_series
-from rig.telemetry import reading
-from rig.telemetry.reading import TelemetryFile, TelemetryReadError, mend
+from rig.telemetry import reader
+from rig.telemetry.reader import TelemetryFile, TelemetryReadError, mend
 from sim.commands.cli import sim
 from sim.commands.options import EMBEDDED_DEM
 from sim.errors import SimulationError
 from sim.evaluate.photos.source import read_json
 from sim.evaluate.scenario import load_evaluation_scenario
 from sim.faults.script import load_faults
-from sim.replay.replay import load_log
+from sim.replay.playback import load_log
 from sim.world.scenario import load_scenario
 
 EXAMPLE = Path(__file__).parents[2] / "configs" / "vehicle.toml"
@@ -329,7 +329,7 @@ def test_a_chunk_of_telemetry_that_unpacks_to_too_much_is_not_unpacked(
     path = telemetry(tmp_path / "x.mcap", compression, 30_000_000)
     assert path.stat().st_size < 500_000
     assert [len(logged.message.data) for logged in TelemetryFile(path)] == [30_000_000]
-    monkeypatch.setattr(reading, "MOST_RECORD_BYTES", 10_000_000)
+    monkeypatch.setattr(reader, "MOST_RECORD_BYTES", 10_000_000)
     with pytest.raises(TelemetryReadError, match="no MCAP file"):
         list(TelemetryFile(path))
 
@@ -355,7 +355,7 @@ def test_telemetry_of_other_bytes_is_read_as_far_as_it_goes(
 
 def test_lz4_that_never_ends_is_cut_off() -> None:
     with pytest.raises(ValueError, match="a chunk of more than"):
-        reading._unpacked("lz4", lz4.frame.compress(bytes(70_000_000)))
+        reader._unpacked("lz4", lz4.frame.compress(bytes(70_000_000)))
 
 
 # ---- pictures

@@ -20,7 +20,7 @@ from localizer.track.tracker import Tracker
 from rig.config.run import HttpServer
 from rig.daemon.http import serving
 from rig.daemon.search.skylines import FILE_NAME, BundleSkylines, FrameSkylines
-from rig.daemon.spool.spool import Spool
+from rig.daemon.spool.store import Spool
 from rig.daemon.state import Board
 from sim.commands.options import EMBEDDED_DEM
 from sim.launch.launcher import simulated_rig

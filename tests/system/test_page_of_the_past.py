@@ -16,8 +16,8 @@ from localizer.dem.ground import map_metres
 from localizer.track.tracker import Tracker
 from rig.config.run import HttpServer
 from rig.daemon.http import serving
-from rig.daemon.search.loop import restore
-from rig.daemon.spool.spool import Spool
+from rig.daemon.search.locate_loop import restore
+from rig.daemon.spool.store import Spool
 from rig.daemon.state import Answer, Board
 from sim.commands.options import EMBEDDED_DEM
 

@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.attitude.kinematics import Attitude, wrapped_deg
+from rig.calibrate.boresight.coarse_alignment import search_turn
+from rig.calibrate.boresight.dem_error_model import covariance_deg2, ridge_errors
 from rig.calibrate.boresight.horizon_profile import HorizonProfile
 from rig.calibrate.boresight.known_place import PlaceSigmas
-from rig.calibrate.boresight.ridge_errors import covariance_deg2, ridge_errors
-from rig.calibrate.boresight.search import search_turn
 from rig.calibrate.boresight.skyline_frame import Points, SkylineFrame
-from rig.calibrate.solve import Solved, solve
+from rig.calibrate.least_squares import Solved, solve
 from rig.config.calibration_files import CalibrationError
 
 Vector = NDArray[np.float64]

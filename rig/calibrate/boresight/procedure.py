@@ -12,10 +12,10 @@ from rig.attitude.kinematics import Attitude, wrapped_deg
 from rig.calibrate.boresight.fit import BoresightFit, fit_boresight
 from rig.calibrate.boresight.horizon_profile import STEP_DEG, HorizonProfile, horizon_profile
 from rig.calibrate.boresight.known_place import KnownPlace, PlaceSigmas
-from rig.calibrate.boresight.skyline_look import head_attitude, look_round, require_unmoved
+from rig.calibrate.boresight.skyline_survey import head_attitude, look_round, require_unmoved
 from rig.calibrate.figures import new_figure
-from rig.calibrate.result import Session
-from rig.capture.standing import measure_standing, standing_from
+from rig.calibrate.run import Session
+from rig.capture.base_attitude import measure_standing, standing_from
 from rig.config.calibration_files import BoresightCalibration, Matrix
 from rig.config.directions import parse_direction
 from rig.config.model import RigConfig

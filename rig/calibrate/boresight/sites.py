@@ -10,9 +10,9 @@ from pyproj import Geod
 from localizer.dem.geodesy import enu_to_metric_jacobian, metric_to_rowcol, rowcol_to_lonlat, rowcol_to_metric
 from localizer.dem.horizon import horizon, prepare_terrain
 from localizer.dem.lattice import Dem
+from rig.calibrate.boresight.dem_error_model import covariance_deg2
 from rig.calibrate.boresight.horizon_profile import NEAREST_M
 from rig.calibrate.boresight.known_place import KnownPlace, PlaceSigmas
-from rig.calibrate.boresight.ridge_errors import covariance_deg2
 from rig.config.calibration_files import CalibrationError
 
 Vector = NDArray[np.float64]

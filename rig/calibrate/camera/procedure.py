@@ -16,9 +16,9 @@ from rig.calibrate.camera.fit import LEAST_COVERAGE, NAMES, CameraFit, coverage,
 from rig.calibrate.camera.target import Board, View
 from rig.calibrate.figures import new_figure
 from rig.calibrate.guide import Guide
-from rig.calibrate.result import Session
+from rig.calibrate.run import Session
 from rig.config.calibration_files import CalibrationError, CameraCalibration
-from rig.devices.camera.camera import Camera
+from rig.devices.camera.driver import Camera
 
 STILL_PX = 0.5
 NEW_SHARE = 0.05  # of the width, by which corners have to have moved since any other view

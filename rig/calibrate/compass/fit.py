@@ -23,7 +23,7 @@ from rig.calibrate.compass.model import (
     VehicleStop,
     in_base,
 )
-from rig.calibrate.solve import solve
+from rig.calibrate.least_squares import solve
 from rig.config.calibration_files import CalibrationError
 
 Vector = NDArray[np.float64]

@@ -15,8 +15,8 @@ from rig.calibrate.compass.fit import CompassFit, fit_compass
 from rig.calibrate.compass.model import EarthField, VehicleStop
 from rig.calibrate.compass.torque import TorqueField, read_held_and_free, torque_field
 from rig.calibrate.figures import new_figure
-from rig.calibrate.result import Session
-from rig.capture.standing import Stop, read_stop
+from rig.calibrate.run import Session
+from rig.capture.base_attitude import Stop, read_stop
 from rig.config.calibration_files import CalibrationError, CompassCalibration
 from rig.config.model import RigConfig
 from rig.config.sections import Mmc5983maSection

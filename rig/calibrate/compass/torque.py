@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.attitude.level import in_axes
-from rig.capture.standing import Stop, read_here
+from rig.capture.base_attitude import Stop, read_here
 from rig.config.calibration_files import CalibrationError
 from rig.config.sections import Mmc5983maSection
 from rig.devices.connect import Rig

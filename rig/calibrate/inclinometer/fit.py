@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from rig.attitude.accelerometer import AccelerometerCorrection, Triple
 from rig.attitude.kinematics import JointAngles
 from rig.attitude.level import tilt_roll_deg
-from rig.calibrate.solve import solve
+from rig.calibrate.least_squares import solve
 from rig.config.calibration_files import CalibrationError
 
 Vector = NDArray[np.float64]

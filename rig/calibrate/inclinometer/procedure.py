@@ -12,8 +12,8 @@ from rig.attitude.level import HeadLevel
 from rig.calibrate.figures import new_figure
 from rig.calibrate.inclinometer.fit import InclinometerFit, TiltReading, fit_inclinometer
 from rig.calibrate.inclinometer.temperature import read_drift
-from rig.calibrate.result import Session
-from rig.capture.measure import still_level
+from rig.calibrate.run import Session
+from rig.capture.averaged_readings import still_level
 from rig.config.calibration_files import CalibrationError, InclinometerCalibration
 from rig.config.sections import PanTiltSection
 from rig.devices.connect import Rig, connect

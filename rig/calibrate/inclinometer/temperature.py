@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from localizer.documents import DocumentError, read_file
 from localizer.os_errors import why_not_written
 from rig.attitude.accelerometer import Triple
-from rig.capture.measure import read_level, utc_text
+from rig.capture.averaged_readings import read_level, utc_text
 from rig.clock import Instant
 from rig.config.calibration_files import CalibrationError
 from rig.config.sections import InclinometerSection

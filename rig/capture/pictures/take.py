@@ -10,7 +10,7 @@ from rig.attitude.kinematics import JointAngles
 from rig.capture.pictures.bracketing import Pictures, bracketed, pictures_of
 from rig.capture.pictures.quality import Seen, blur, defect, thumbnail
 from rig.devices.bus.retry import retry
-from rig.devices.camera.camera import Camera
+from rig.devices.camera.driver import Camera
 from rig.errors import TransientError
 
 TRIES = 6

@@ -17,10 +17,11 @@ from starlette.responses import FileResponse, JSONResponse, Response
 from localizer.errors import SkyfixError
 from rig.clock import Instant
 from rig.config.run import HttpServer
+from rig.daemon.heartbeat import Loops
+from rig.daemon.http.access_control import Guard, token_check
 from rig.daemon.http.bundles import NOT_FOUND, BundleStore, Limit, bundle_routes
-from rig.daemon.http.guard import Guard, token_check
+from rig.daemon.http.event_streams import Relay, Stream, TooManyStreamsError
 from rig.daemon.http.health import add_health
-from rig.daemon.http.intake import Intake
 from rig.daemon.http.map import ReliefMap
 from rig.daemon.http.metrics import metrics_registry
 from rig.daemon.http.models import (
@@ -38,10 +39,9 @@ from rig.daemon.http.models import (
     state_of,
     track_point,
 )
-from rig.daemon.http.relay import Relay, Stream, TooManyStreamsError
-from rig.daemon.obstacle import reason
-from rig.daemon.progress import Loops
+from rig.daemon.http.request_limits import Intake
 from rig.daemon.publish.published import newest
+from rig.daemon.readiness import reason
 from rig.daemon.state import Actions, Board
 from rig.version import package_version
 

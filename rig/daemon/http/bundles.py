@@ -34,7 +34,7 @@ NEVER_CHANGES = {"Cache-Control": "private, max-age=86400, immutable"}
 
 
 class BundleStore(Protocol):
-    """What is asked of the spool (``rig.daemon.spool.spool``)."""
+    """What is asked of the spool (``rig.daemon.spool.store``)."""
 
     @property
     def bundles_dir(self) -> Path: ...

@@ -3,8 +3,8 @@
 from fastapi import FastAPI
 from starlette.responses import JSONResponse
 
-from rig.daemon.obstacle import obstacle
-from rig.daemon.progress import Loops
+from rig.daemon.heartbeat import Loops
+from rig.daemon.readiness import obstacle
 from rig.daemon.state import Board
 from rig.version import package_version
 

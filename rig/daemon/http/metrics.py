@@ -9,8 +9,8 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 from prometheus_client.registry import Collector
 
 from rig.clock import Instant
+from rig.daemon.http.event_streams import Relay
 from rig.daemon.http.models import age_s
-from rig.daemon.http.relay import Relay
 from rig.daemon.state import Activity, Answer, Board, DeviceState
 
 SECONDS = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0)

@@ -11,14 +11,14 @@ import uvicorn
 
 from localizer.dem.choice import DemChoice
 from rig.config.run import HttpServer
+from rig.daemon.heartbeat import Loops
+from rig.daemon.http.access_control import read_token
 from rig.daemon.http.app import make_app
 from rig.daemon.http.bundles import BundleStore
-from rig.daemon.http.guard import read_token
+from rig.daemon.http.event_streams import Relay
+from rig.daemon.http.idle_timeout import PatientProtocol
 from rig.daemon.http.map import ReliefMap
-from rig.daemon.http.patience import PatientProtocol
-from rig.daemon.http.relay import Relay
-from rig.daemon.listening import why_not_listening
-from rig.daemon.progress import Loops
+from rig.daemon.sockets import why_not_listening
 from rig.daemon.state import Actions, Board
 from rig.errors import RigError
 

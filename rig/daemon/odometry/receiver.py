@@ -12,8 +12,8 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from localizer.track.odometry import Movement, parse_leg
 from rig.config.run import OdometryInput
 from rig.daemon.boot import boot_id
-from rig.daemon.listening import bound_udp
 from rig.daemon.odometry.velocity import StaleClock, Velocity, velocity_in
+from rig.daemon.sockets import bound_udp
 from rig.devices.sensors.nmea import parse_sentence
 from rig.errors import MessageError
 

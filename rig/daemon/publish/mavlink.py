@@ -10,7 +10,7 @@ from typing import Any
 
 from rig.clock import Instant
 from rig.config.run import MavlinkOutput
-from rig.daemon.progress import Loops
+from rig.daemon.heartbeat import Loops
 from rig.daemon.publish.mavlink_link import Link, check, opened, why_no_link
 from rig.daemon.publish.mavlink_messages import dialect, external_position_estimate, gps_input, heartbeat
 from rig.daemon.publish.published import PublishedFix, current_fix, lapsed

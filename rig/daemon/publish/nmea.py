@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from rig.clock import Instant
 from rig.clock import problem as clock_problem
 from rig.config.run import NmeaOutput
-from rig.daemon.progress import Loops
+from rig.daemon.heartbeat import Loops
 from rig.daemon.publish.nmea_sentences import epoch, epoch_for_anybody
 from rig.daemon.publish.published import current_fix, lapsed
 from rig.daemon.publish.tcp_broadcast import TcpBroadcast

@@ -7,7 +7,7 @@ import socket
 from contextlib import suppress
 
 from rig.config.run import host_and_port
-from rig.daemon.listening import why_not_listening
+from rig.daemon.sockets import why_not_listening
 from rig.errors import ConfigError
 
 MOST_CLIENTS = 32

@@ -19,7 +19,7 @@ import smbus2
 
 from rig import sysfs
 from rig.config.i2c_names import BRIDGE_URL, adapter_path, buses_there
-from rig.devices.bus import tap
+from rig.devices.bus import monitor
 from rig.devices.bus.deadline import Deadline
 from rig.devices.bus.i2c_errors import BridgeLostError, lacks_plain_i2c
 from rig.errors import DeviceError
@@ -266,9 +266,9 @@ class SharedI2c:
             try:
                 data = self._shared.bus.transfer(address, write, read_length)
             except OSError as error:
-                tap.i2c_transfer(self._url, address, write, read_length, error.errno or errno.EIO)
+                monitor.i2c_transfer(self._url, address, write, read_length, error.errno or errno.EIO)
                 raise
-            tap.i2c_transfer(self._url, address, write, read_length, data)
+            monitor.i2c_transfer(self._url, address, write, read_length, data)
             return data
 
     def close(self) -> None:

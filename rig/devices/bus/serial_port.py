@@ -17,7 +17,7 @@ from pathlib import Path
 import serial
 
 from rig import sysfs
-from rig.devices.bus import tap
+from rig.devices.bus import monitor
 from rig.devices.bus.deadline import Deadline
 from rig.errors import DeviceError, LostPortError
 from rig.fault_notes import note_fault
@@ -93,13 +93,13 @@ class SerialPort:
             readable, _, _ = select.select([port.fileno()], [], [], deadline.remaining_s)
             data: bytes = port.read(_READ_BYTES) if readable else b""
         if data:
-            tap.serial_bytes(self.path, "received", data)
+            monitor.serial_bytes(self.path, "received", data)
         return data
 
     def write(self, data: bytes) -> None:
         """Send all of ``data``. A port that does not take it within a second counts as lost."""
         with self._working() as port:
-            tap.serial_bytes(self.path, "sent", data)
+            monitor.serial_bytes(self.path, "sent", data)
             port.write(data)
 
     def discard_input(self) -> None:

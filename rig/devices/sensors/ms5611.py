@@ -1,7 +1,7 @@
 """MS5611-01BA03 and MS5607-02BA03, barometers (TE, data sheets 06/2017 for the compensation, AN520 for the checksum).
 
 Both answer to the same commands at the same address, with other factors, and their memory does not tell them apart. Only
-the pressure, half or twice of what it should be, shows that the other one is fitted (``rig.attitude.possible_altitude``).
+the pressure, half or twice of what it should be, shows that the other one is fitted (``rig.attitude.altitude_plausibility``).
 """
 
 import struct

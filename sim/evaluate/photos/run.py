@@ -11,10 +11,10 @@ from typing import Any
 from localizer.skyline.find import find_skyline
 from sim.errors import SimulationError
 from sim.evaluate.photos import tables
+from sim.evaluate.photos.degraded_pictures import spoilt_pictures
 from sim.evaluate.photos.position_search import Trial, search, terrain_of
 from sim.evaluate.photos.skyline_score import PictureScore, score_skyline
 from sim.evaluate.photos.source import existing
-from sim.evaluate.photos.spoilt_pictures import spoilt_pictures
 from sim.evaluate.photos.standpoints import standpoints
 from sim.evaluate.photos.traced_pictures import TracedPicture, traced_pictures
 

@@ -16,8 +16,8 @@ from rig.calibrate.boresight.horizon_profile import STEP_DEG, HorizonProfile
 from rig.calibrate.boresight.known_place import KnownPlace, PlaceSigmas
 from rig.calibrate.boresight.procedure import measure_boresight
 from rig.calibrate.boresight.skyline_frame import SkylineFrame
-from rig.calibrate.boresight.skyline_look import require_unmoved
-from rig.capture.standing import Standing
+from rig.calibrate.boresight.skyline_survey import require_unmoved
+from rig.capture.base_attitude import Standing
 from rig.config.calibration_files import CalibrationError
 
 AZIMUTHS_DEG = np.arange(0.0, 360.0, STEP_DEG)

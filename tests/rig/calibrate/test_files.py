@@ -11,9 +11,9 @@ from fakes.whole_rig import FakeRig, running_rig
 
 from localizer.bundle import load_bundle
 from rig.attitude.kinematics import wrapped_deg
-from rig.calibrate.naming import name_in_config, with_calibration
+from rig.calibrate.config_edit import name_in_config, with_calibration
 from rig.calibrate.recalibrate import recalibrate
-from rig.capture.capture import capture
+from rig.capture.sequence import capture
 from rig.commands.bundle import bundle
 from rig.config.calibration_files import (
     AltimeterCalibration,

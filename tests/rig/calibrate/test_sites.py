@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 from pyproj import CRS
 
 from localizer.dem.lattice import dem_from_array
+from rig.calibrate.boresight.dem_error_model import covariance_deg2, ridge_errors
 from rig.calibrate.boresight.known_place import KnownPlace, PlaceSigmas
-from rig.calibrate.boresight.ridge_errors import covariance_deg2, ridge_errors
 from rig.calibrate.boresight.sites import APART_M, AZIMUTHS_DEG, _apart_m, best_sites, expected_sigmas_deg
 from rig.config.calibration_files import CalibrationError
 

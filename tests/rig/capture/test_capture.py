@@ -15,7 +15,7 @@ from fakes.whole_rig import HEIGHT_PX, FakeRig, RunningRig, running_rig
 from localizer.bundle import load_bundle
 from localizer.skyline.find import ColumnState, Skyline, find_skyline
 from rig.attitude.kinematics import Attitude, Head, JointAngles, camera_pointing, wrapped_deg
-from rig.capture.capture import CaptureError, capture, in_passing
+from rig.capture.sequence import CaptureError, capture, in_passing
 from rig.config.directions import parse_directions
 from rig.errors import DeviceError, GoalError, LostPortError
 
@@ -262,7 +262,7 @@ def skyline_by_brightness(image: np.ndarray) -> Skyline:
 
 
 def test_no_sky_anywhere(running: RunningRig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rig.capture.capture.find_skyline", skyline_by_brightness)
+    monkeypatch.setattr("rig.capture.sequence.find_skyline", skyline_by_brightness)
     running.rig.horizon_deg = lambda azimuth_deg: np.full(azimuth_deg.shape, 90.0)
     with pytest.raises(
         CaptureError, match="no skyline in any of 1 frames: look at the lens, the light and the"
@@ -274,7 +274,7 @@ def test_no_sky_anywhere(running: RunningRig, tmp_path: Path, monkeypatch: pytes
 def test_one_direction_without_sky_is_recorded_as_such(
     running: RunningRig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("rig.capture.capture.find_skyline", skyline_by_brightness)
+    monkeypatch.setattr("rig.capture.sequence.find_skyline", skyline_by_brightness)
     running.rig.horizon_deg = lambda azimuth_deg: np.where(np.abs(azimuth_deg - 90.0) < 120.0, 90.0, 3.0)
     content = json.loads((take(running, tmp_path, "W,E") / "bundle.json").read_text())
     west, east = (frame["raw"]["skyline"] for frame in content["frames"])

@@ -17,7 +17,7 @@ from rig.clock import Instant
 from rig.devices.bus.deadline import Deadline
 from rig.devices.bus.retry import retry
 from rig.devices.bus.serial_port import SerialPort
-from rig.devices.sensors.reviving import Reviving
+from rig.devices.sensors.reconnecting import Reviving
 from rig.errors import DeviceError, LostPortError, TransientError, WrongDeviceError
 from rig.fault_notes import collecting, note_fault
 

@@ -25,12 +25,12 @@ from rig.commands.cli import rig
 from rig.config.load import load_config
 from rig.daemon import control as control_module
 from rig.daemon.control import CLIENT_S, MOST_CLIENTS, ControlError, ControlSocket, ask
+from rig.daemon.heartbeat import Loops
 from rig.daemon.main_loop import MainLoop
 from rig.daemon.named_files import check_named_files
 from rig.daemon.notify import Notifier
-from rig.daemon.progress import Loops
-from rig.daemon.session import _obstacle
-from rig.daemon.spool.spool import Spool
+from rig.daemon.runtime import _obstacle
+from rig.daemon.spool.store import Spool
 from rig.daemon.state import Board
 from rig.daemon.status import status_json, status_text
 from rig.daemon.triggers import Triggers

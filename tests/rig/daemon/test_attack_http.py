@@ -17,14 +17,14 @@ from hypothesis import strategies as st
 
 from localizer.track.tracker import Tracker
 from rig.config.run import HttpServer
+from rig.daemon.heartbeat import Loops
 from rig.daemon.http import serving
 from rig.daemon.http.app import make_app
-from rig.daemon.http.intake import MOST_BODY_BYTES
+from rig.daemon.http.event_streams import Relay
+from rig.daemon.http.idle_timeout import MOST_WAITING
 from rig.daemon.http.map import ReliefMap
-from rig.daemon.http.patience import MOST_WAITING
-from rig.daemon.http.relay import Relay
-from rig.daemon.progress import Loops
-from rig.daemon.spool.spool import Spool
+from rig.daemon.http.request_limits import MOST_BODY_BYTES
+from rig.daemon.spool.store import Spool
 from rig.daemon.state import Board
 
 SANTA_CRUZ = Path(__file__).parents[3] / "sim" / "terrain" / "santa_cruz_srtm_1s.tif"
@@ -134,7 +134,7 @@ def test_lies_about_the_body_and_heaps_of_headers_are_refused(server: Server, li
 
 
 def test_a_body_that_does_not_end_is_answered_408(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rig.daemon.http.intake.BODY_WITHIN_S", 0.2)
+    monkeypatch.setattr("rig.daemon.http.request_limits.BODY_WITHIN_S", 0.2)
     with server.connected() as client:
         client.sendall(HEAD + b"Content-Length: 10\r\n\r\n")
         begun = time.monotonic()

@@ -16,11 +16,11 @@ from localizer.bundle import Bundle
 from localizer.fix import Fix
 from localizer.track.tracker import Tracker
 from rig.config.run import HttpServer
+from rig.daemon.http.access_control import read_token
 from rig.daemon.http.app import make_app
-from rig.daemon.http.guard import read_token
+from rig.daemon.http.event_streams import MOST_STREAMS, Relay, TooManyStreamsError
 from rig.daemon.http.map import ReliefMap
-from rig.daemon.http.relay import MOST_STREAMS, Relay, TooManyStreamsError
-from rig.daemon.spool.spool import Entry, Spool, SpoolError
+from rig.daemon.spool.store import Entry, Spool, SpoolError
 from rig.daemon.state import Answer, Board, TriggerAnswer
 from rig.errors import ConfigError
 

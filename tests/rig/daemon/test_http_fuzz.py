@@ -12,7 +12,7 @@ from schemathesis import GenerationMode
 from localizer.track.tracker import Tracker
 from rig.config.run import HttpServer
 from rig.daemon.http import serving
-from rig.daemon.spool.spool import Spool
+from rig.daemon.spool.store import Spool
 from rig.daemon.state import Board
 
 SANTA_CRUZ = Path(__file__).parents[3] / "sim" / "terrain" / "santa_cruz_srtm_1s.tif"

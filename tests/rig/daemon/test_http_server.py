@@ -14,11 +14,11 @@ import pytest
 from fakes.located import ScriptedActions, answer_of, bundle_id
 
 from rig.config.run import HttpServer
+from rig.daemon.heartbeat import Loops
 from rig.daemon.http import serving
-from rig.daemon.http.relay import MOST_STREAMS
+from rig.daemon.http.event_streams import MOST_STREAMS
 from rig.daemon.http.server import HttpError
-from rig.daemon.progress import Loops
-from rig.daemon.spool.spool import Spool
+from rig.daemon.spool.store import Spool
 from rig.daemon.state import Board
 
 SANTA_CRUZ = Path(__file__).parents[3] / "sim" / "terrain" / "santa_cruz_srtm_1s.tif"
@@ -205,7 +205,7 @@ def test_the_map_shows_the_whole_dem_in_its_metric_crs(spool: Spool) -> None:
 def test_connections_over_which_nothing_is_asked_are_cut_off_and_streams_are_not(
     spool: Spool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("rig.daemon.http.patience.ASKED_WITHIN_S", 0.3)
+    monkeypatch.setattr("rig.daemon.http.idle_timeout.ASKED_WITHIN_S", 0.3)
     board = Board()
     with served(spool, board) as url, ExitStack() as stack:
         host, port = url.removeprefix("http://").split(":")

@@ -18,7 +18,7 @@ from pymavlink.dialects.v20 import common
 
 from rig.clock import Instant
 from rig.config.run import MavlinkOutput
-from rig.daemon.progress import Loops
+from rig.daemon.heartbeat import Loops
 from rig.daemon.publish import mavlink
 from rig.daemon.publish.mavlink import publishing
 from rig.daemon.publish.mavlink_messages import external_position_estimate, gps_input

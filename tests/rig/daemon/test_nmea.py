@@ -12,7 +12,7 @@ from fakes.answers import an_answer
 from pynmeagps import NMEAReader
 
 from rig.config.run import NmeaOutput
-from rig.daemon.progress import Loops
+from rig.daemon.heartbeat import Loops
 from rig.daemon.publish import tcp_broadcast
 from rig.daemon.publish.nmea import publishing
 from rig.daemon.state import Board

@@ -10,11 +10,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from fakes.manager import SOON_S, Manager
+from fakes.service_manager import SOON_S, Manager
 
 from rig.clock import Instant
+from rig.daemon.heartbeat import Loops, watchdog
 from rig.daemon.notify import Notifier, notifier_of
-from rig.daemon.progress import Loops, watchdog
 from rig.daemon.state import Event, Subscription
 from rig.errors import RigError
 

@@ -16,7 +16,7 @@ from rig.config.run import OdometryInput
 from rig.daemon.boot import boot_id
 from rig.daemon.captures import Captures
 from rig.daemon.odometry.receiver import Odometer, OdometryListener, Velocity, velocity_in
-from rig.daemon.spool.spool import SpoolError
+from rig.daemon.spool.store import SpoolError
 from rig.daemon.state import Board
 from rig.devices.sensors.nmea import checksum, parse_sentence
 from rig.errors import MessageError, RigError

@@ -19,9 +19,9 @@ from rig.commands.cli import rig
 from rig.config.run import control_in_bad
 from rig.daemon.control import ControlError, ControlSocket, ask
 from rig.daemon.log import logging_to
+from rig.daemon.signals import Signals, StopRequestedError
 from rig.daemon.state import Board
 from rig.daemon.status import status_json, status_text
-from rig.daemon.stopping import Signals, StopRequestedError
 from rig.daemon.triggers import Triggers
 from rig.errors import ConfigError
 
@@ -94,7 +94,7 @@ class TestSignals:
     @pytest.fixture(autouse=True)
     def _lives_on(self, monkeypatch: pytest.MonkeyPatch) -> None:
         """A process that was told to stop ends itself after some seconds; this one has other tests to do."""
-        monkeypatch.setattr("rig.daemon.stopping.ENDED_WITHIN_S", 3600.0)
+        monkeypatch.setattr("rig.daemon.signals.ENDED_WITHIN_S", 3600.0)
 
     def test_a_stop_interrupts_once(self) -> None:
         with Signals() as signals:

@@ -19,14 +19,14 @@ from rig.clock import Instant
 from rig.config.run import HttpServer
 from rig.daemon.boot import asleep_s, boot_id
 from rig.daemon.http.app import make_app
+from rig.daemon.http.event_streams import Relay
 from rig.daemon.http.map import ReliefMap
-from rig.daemon.http.relay import Relay
 from rig.daemon.publish.published import current_fix, lapsed, newest
-from rig.daemon.search.loop import answer_of as found_answer
-from rig.daemon.search.loop import restore
+from rig.daemon.search.locate_loop import answer_of as found_answer
+from rig.daemon.search.locate_loop import restore
 from rig.daemon.search.process import Found, Standing
 from rig.daemon.spool.index import Entry
-from rig.daemon.spool.spool import Spool
+from rig.daemon.spool.store import Spool
 from rig.daemon.state import Board
 
 VALID_S = 1000.0

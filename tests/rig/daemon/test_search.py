@@ -15,9 +15,9 @@ from localizer.fix import Fix, Nuisance
 from localizer.track.document import TrackLine
 from localizer.track.tracker import Tracker
 from rig.daemon.boot import boot_id
-from rig.daemon.search.loop import Search, moment_of, vehicle_heading_deg
+from rig.daemon.search.locate_loop import Search, moment_of, vehicle_heading_deg
 from rig.daemon.search.process import Found, SearchFailedError, SearchProcess, Standing
-from rig.daemon.spool.spool import Spool
+from rig.daemon.spool.store import Spool
 from rig.daemon.state import Board
 
 FAKE = (sys.executable, search_worker.__file__)

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from fakes.manager import SOON_S, Manager
+from fakes.service_manager import SOON_S, Manager
 
 from sim.commands.options import EMBEDDED_DEM
 

@@ -10,7 +10,7 @@ from fakes.daemon import add_keys
 from fakes.simulated import quick_rig, world
 
 from rig.config.load import load_config
-from rig.daemon.device_watch import DeviceWatch, Hardware
+from rig.daemon.device_monitor import DeviceWatch, Hardware
 from rig.daemon.servo_restarts import ServoRestarts, restart_servos
 from rig.daemon.state import Board
 from rig.errors import DeviceError

@@ -15,7 +15,7 @@ from localizer.track.tracker import Tracker
 from rig.clock import Instant
 from rig.config.run import OdometryInput
 from rig.daemon.odometry.receiver import Odometer, Velocity
-from rig.daemon.spool.spool import ODOMETER, Spool, SpoolError, SpoolFullError
+from rig.daemon.spool.store import ODOMETER, Spool, SpoolError, SpoolFullError
 from rig.daemon.state import Answer
 
 QUOTA_MB = 10
@@ -262,7 +262,7 @@ class TestRestart:
         def full(*_: object) -> None:
             raise sqlite3.OperationalError("database or disk is full")
 
-        monkeypatch.setattr("rig.daemon.spool.spool.remember", full)
+        monkeypatch.setattr("rig.daemon.spool.store.remember", full)
         with pytest.raises(SpoolError, match="disk is full"):
             spool.set_answer(answer_for("a"), Tracker())
         assert spool.answer_of("a") is None

@@ -16,12 +16,12 @@ from rig.clock import Instant
 from rig.config.load import load_config
 from rig.config.model import RigConfig
 from rig.config.run import RestTrigger, RunSection
-from rig.daemon import rest
-from rig.daemon.device_watch import DeviceWatch, Hardware, next_wait_s, obstacle
+from rig.daemon import stationary_trigger
+from rig.daemon.device_monitor import DeviceWatch, Hardware, next_wait_s, obstacle
 from rig.daemon.main_loop import Inbox, MainLoop
 from rig.daemon.notify import Notifier
-from rig.daemon.rest import SAMPLES_A_SECOND, RestDetector, RestWatch, noise_mg
 from rig.daemon.state import Board
+from rig.daemon.stationary_trigger import SAMPLES_A_SECOND, RestDetector, RestWatch, noise_mg
 from rig.daemon.triggers import Triggers
 from rig.devices.readings import AccelerationReading
 from rig.errors import DeviceError
@@ -200,7 +200,7 @@ def test_the_board_knows_when_the_vehicle_was_last_shaken(monkeypatch: pytest.Mo
     chip = ShakenChip({2, 5}, stop)
     told: list[int] = []
     monkeypatch.setattr(board, "set_moving", lambda: told.append(chip._reads // SAMPLES_A_SECOND))
-    monkeypatch.setattr(rest, "open_inclinometer", lambda _: chip)
+    monkeypatch.setattr(stationary_trigger, "open_inclinometer", lambda _: chip)
     config = RigConfig.model_construct(
         inclinometer=None, run=RunSection(dem=("dem.tif",), rest=RestTrigger(still_s=1e6))
     )

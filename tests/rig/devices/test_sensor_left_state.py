@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from fakes.simulated import quick_rig
 
+from rig.attitude.altitude_plausibility import AltitudeBounds, altitude_bounds, require_possible
 from rig.attitude.kinematics import Attitude, JointAngles
-from rig.attitude.possible_altitude import AltitudeBounds, altitude_bounds, require_possible
 from rig.attitude.tilt_agreement import require_agreement
-from rig.check.check import check_altimeter, check_devices
+from rig.check.devices import check_altimeter, check_devices
 from rig.config.load import load_config
 from rig.config.sections import I2cAltimeterSection
 from rig.devices.sensors import ms5611

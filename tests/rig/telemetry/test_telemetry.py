@@ -15,10 +15,10 @@ from fakes.whole_rig import RunningRig
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
 
-from rig import feed
+from rig import event_bus
 from rig.clock import Instant
 from rig.devices.readings import PressureReading
-from rig.telemetry.reading import TelemetryFile, TelemetryReadError
+from rig.telemetry.reader import TelemetryFile, TelemetryReadError
 from rig.telemetry.writer import TelemetryError, recording
 
 # Some of Foxglove's schemas, as its documentation has them: what a panel relies on.
@@ -43,7 +43,7 @@ def recorded(running: RunningRig, tmp_path: Path) -> Path:
     """A file with 2000 readings."""
     with recording(tmp_path / "session.mcap", running.config()) as path:
         for reading in pressures(2000):
-            feed.publish(reading)
+            event_bus.publish(reading)
     return path
 
 
@@ -147,7 +147,7 @@ def test_a_disk_that_refuses_ends_the_telemetry_and_not_the_session(
     monkeypatch.setattr("rig.telemetry.writer.SYNC_EVERY_S", 0.0)
     with recording(tmp_path / "s.mcap", running.config()):
         for reading in pressures(5000):
-            feed.publish(reading)
+            event_bus.publish(reading)
     assert capsys.readouterr().err == (
         f"rig: {tmp_path / 's.mcap'}: cannot be written: No space left on device; "
         "the session goes on without telemetry\n"
@@ -156,7 +156,7 @@ def test_a_disk_that_refuses_ends_the_telemetry_and_not_the_session(
 
 def test_nobody_is_told_afterwards(recorded: Path) -> None:
     size = recorded.stat().st_size
-    feed.publish(pressures(1)[0])
+    event_bus.publish(pressures(1)[0])
     assert recorded.stat().st_size == size
 
 

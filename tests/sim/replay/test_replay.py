@@ -10,9 +10,9 @@ from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rig.check.check import check_devices, check_inclinometer
+from rig.check.devices import check_devices, check_inclinometer
 from rig.config.load import load_config
-from rig.devices.bus import tap
+from rig.devices.bus import monitor
 from rig.devices.bus.deadline import Deadline
 from rig.devices.bus.serial_port import SerialPort
 from rig.devices.sensors.mmc5983ma import Mmc5983ma
@@ -20,8 +20,8 @@ from rig.devices.wire_log import recording
 from sim.commands.cli import sim
 from sim.devices.dynamixel_packet import Instruction, packet
 from sim.replay.devices import ReplayedChip, ReplayedServos, whole_lines
-from sim.replay.recorded import Asked, Recorded, epoch_heard
-from sim.replay.replay import load_log, replaying
+from sim.replay.playback import load_log, replaying
+from sim.replay.response_lookup import Asked, Recorded, epoch_heard
 
 LOGS = sorted((Path(__file__).parents[2] / "logs").glob("*.log"))
 
@@ -270,10 +270,10 @@ def test_a_full_disk_under_the_log_is_not_blamed_on_a_device(
     with replaying(LOGS[0]) as played:
         config = load_config(played.config_path)
         with recording(tmp_path / "x.log", config):
-            tap.serial_bytes("a", "sent", b"1")
+            monitor.serial_bytes("a", "sent", b"1")
             monkeypatch.setattr("rig.devices.wire_log.json.dumps", full)
-            tap.serial_bytes("a", "sent", b"2")
-            tap.serial_bytes("a", "sent", b"3")
+            monitor.serial_bytes("a", "sent", b"2")
+            monitor.serial_bytes("a", "sent", b"3")
     assert [record.getMessage().split(";")[0] for record in caplog.records] == [
         f"{tmp_path / 'x.log'}: cannot be written: No space left on device"
     ]
@@ -294,7 +294,7 @@ def test_no_url_of_the_camera_is_in_a_log(tmp_path: Path) -> None:
             }
         )
         with recording(tmp_path / "x.log", config.model_copy(update={"camera": camera})):
-            tap.serial_bytes("a", "sent", b"1")
+            monitor.serial_bytes("a", "sent", b"1")
     assert "secret" not in (tmp_path / "x.log").read_text()
     with replaying(tmp_path / "x.log") as played:
         camera = load_config(played.config_path).camera

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import structlog
 
 from rig.config.model import RigConfig
-from rig.daemon.obstacle import NEEDED, obstacle
+from rig.daemon.readiness import NEEDED, obstacle
 from rig.daemon.servo_restarts import ServoRestarts, restart_servos
 from rig.daemon.state import Board
 from rig.errors import RigError

@@ -13,8 +13,8 @@ from rich.table import Table
 
 from localizer.os_errors import why_not_written
 from rig import clock
+from rig.calibrate.config_edit import name_in_config
 from rig.calibrate.guide import Guide, TerminalGuide
-from rig.calibrate.naming import name_in_config
 from rig.config.calibration_files import Calibration, CalibrationError, Kind, new_id, write_calibration
 from rig.config.load import config_path, load_config
 from rig.config.model import RigConfig

@@ -7,7 +7,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 MOST_WAITING = 48
 """So many connections may be open; one more, and the oldest of those that have asked nothing, or that are slow, goes."""
 STREAM_PATH = "/events"
-"""Where an answer goes on and on, and few are let in (``rig.daemon.http.relay``)."""
+"""Where an answer goes on and on, and few are let in (``rig.daemon.http.event_streams``)."""
 ASKED_WITHIN_S = 30.0
 """Whoever has not put a whole question for so long, at most twice as long, is cut off. A stream is an answer that goes on."""
 

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from rig.config.camera_url import shown, without_secrets
 from rig.config.load import load_config
 from rig.config.sections import CameraSection
-from rig.devices.camera.camera import Camera
+from rig.devices.camera.driver import Camera
 from rig.devices.camera.http import credentials
 from rig.devices.camera.source import KEY, gives_snapshots, why_not_opened
 from rig.errors import ConfigError, DeviceError

@@ -10,8 +10,8 @@ from localizer.observation import NO_COMPASS_SIGMA_DEG
 from localizer.skyline.find import CONFIDENT, ColumnState, Skyline, find_skyline
 from rig.attitude.kinematics import Attitude, Head, JointAngles, body_attitude, head_rotation, wrapped_deg
 from rig.calibrate.boresight.skyline_frame import SkylineFrame
-from rig.capture.capture import View, in_passing, look, take_view
-from rig.capture.standing import Standing, Stop
+from rig.capture.base_attitude import Standing, Stop
+from rig.capture.sequence import View, in_passing, look, take_view
 from rig.config.calibration_files import CalibrationError
 from rig.config.directions import Direction
 from rig.config.model import RigConfig

@@ -12,7 +12,7 @@ import pytest
 
 from localizer.errors import SkyfixError
 from sim.launch.child_command import find_command, search_path
-from sim.rigs.side_by_side import side_by_side
+from sim.rigs.parallel import side_by_side
 
 PATIENCE_S = 240.0
 ENDS_WITHIN_S = 20.0

@@ -4,7 +4,7 @@ import contextlib
 from collections.abc import Callable, Sequence
 from typing import Generic, Protocol, TypeVar
 
-from rig import feed
+from rig import event_bus
 from rig.devices.bus.retry import retry
 from rig.errors import DeviceError, LostPortError, RigError, TransientError, WrongDeviceError
 
@@ -58,7 +58,7 @@ class Reviving(Generic[Reading_co]):
             self.close()
             raise
         for reading in readings:
-            feed.publish(reading)
+            event_bus.publish(reading)
         return readings
 
     def _reconnected(self) -> Sensor[Reading_co]:

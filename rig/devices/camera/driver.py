@@ -26,7 +26,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from rig import feed
+from rig import event_bus
 from rig.clock import Instant
 from rig.config.camera_url import shown, without_secrets
 from rig.config.sections import CameraSection
@@ -285,7 +285,7 @@ class Camera:
             self._failure = None
             self._count += 1
             self._changed.notify_all()
-        feed.publish(frame)
+        event_bus.publish(frame)
 
     def _ended_as_a_snapshot_does(self) -> bool:
         """Whether the address gives one picture and not a stream: from now on it is asked for each."""

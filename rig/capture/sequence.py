@@ -13,19 +13,15 @@ from numpy.typing import NDArray
 from localizer.bundle import Altitude
 from localizer.errors import SkyfixError
 from localizer.skyline.find import find_skyline
-from rig import clock, feed
+from rig import clock, event_bus
+from rig.attitude.altitude_plausibility import altitude_bounds
 from rig.attitude.kinematics import Attitude, Head, JointAngles, body_attitude, head_rotation, joints_for
 from rig.attitude.level import HeadLevel
-from rig.attitude.possible_altitude import altitude_bounds
 from rig.attitude.tilt_agreement import require_agreement
 from rig.bundle.writer import Measurement, require_writable, write_bundle
 from rig.capture import derive
-from rig.capture.measure import AltitudeReading, read_altitude, require_stood, still_level, utc_text
-from rig.capture.pictures.framing import confident_fraction, state_counts, tilt_correction_deg
-from rig.capture.pictures.quality import Seen
-from rig.capture.pictures.take import seen_at, take_pictures
-from rig.capture.progress import Published, Reporter
-from rig.capture.standing import (
+from rig.capture.averaged_readings import AltitudeReading, read_altitude, require_stood, still_level, utc_text
+from rig.capture.base_attitude import (
     Standing,
     Stop,
     compass_record,
@@ -34,10 +30,14 @@ from rig.capture.standing import (
     standing_from,
     stop_of,
 )
+from rig.capture.pictures.framing import confident_fraction, state_counts, tilt_correction_deg
+from rig.capture.pictures.quality import Seen
+from rig.capture.pictures.take import seen_at, take_pictures
+from rig.capture.progress import Published, Reporter
 from rig.config.directions import Direction
 from rig.config.model import RigConfig
 from rig.devices.bus.retry import retry
-from rig.devices.camera.camera import TimedFrame
+from rig.devices.camera.driver import TimedFrame
 from rig.devices.connect import Rig, connect
 from rig.devices.pan_tilt import HeadState
 from rig.errors import GoalError, RigError
@@ -116,9 +116,9 @@ def capture(
         raw = {**measurement.raw, **(remarks or {}), "faults": faults.as_json()}
         bundle_dir = write_bundle(out_dir, replace(measurement, raw=raw))
     except SkyfixError as error:
-        feed.publish(feed.Step("error", "capture", str(error)))
+        event_bus.publish(event_bus.Step("error", "capture", str(error)))
         raise
-    feed.publish(bundle_dir)
+    event_bus.publish(bundle_dir)
     return bundle_dir
 
 
@@ -164,9 +164,9 @@ def measure(
     standing = measure_standing(rig)
     altitude = reading.result()
     loading.result()
-    feed.publish(standing)
+    event_bus.publish(standing)
     if altitude:
-        feed.publish(altitude)
+        event_bus.publish(altitude)
     report.done(_standing_line(standing, altitude))
     north = standing.heading.declination
     if north and north.doubt:
@@ -176,7 +176,7 @@ def measure(
     for direction in in_passing(directions, standing.attitude, head, rig.pan_tilt.state().pan_deg):
         report.doing(f"looking {direction.label}")
         view = look(rig, direction, standing, head, seen)
-        feed.publish(view)
+        event_bus.publish(view)
         report.done(_view_line(direction, view))
         found[direction.label] = _shot(direction, view)
     shots = [found[direction.label] for direction in directions]
@@ -195,7 +195,7 @@ def measure(
     if any(shot.stop.has_compass for shot in shots):
         views = [shot.stop for shot in shots]
         standing = standing_from(rig.config, standing.stops, standing.raw["compass"], views)
-        feed.publish(standing)
+        event_bus.publish(standing)
     return Measurement(
         created=clock.utc_now(),
         camera=derive.bundle_camera(rig.config),

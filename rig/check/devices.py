@@ -14,12 +14,12 @@ import numpy as np
 
 from localizer.errors import SkyfixError
 from rig import sysfs
+from rig.attitude.altitude_plausibility import AltitudeBounds, altitude_bounds
 from rig.attitude.magnetic_model import date_problem
-from rig.attitude.possible_altitude import AltitudeBounds, altitude_bounds
 from rig.attitude.talker_headings import heading_doubts
-from rig.capture.measure import read_altitude, read_level, utc_text
+from rig.capture.averaged_readings import read_altitude, read_level, utc_text
 from rig.check.compass import field_check, heading_check
-from rig.check.row import DeviceCheck
+from rig.check.result import DeviceCheck
 from rig.clock import problem as clock_problem
 from rig.clock import wall_clock
 from rig.config.model import RigConfig
@@ -34,7 +34,7 @@ from rig.config.sections import (
 )
 from rig.devices.bus.retry import retry
 from rig.devices.bus.serial_port import MOST_LATENCY_MS
-from rig.devices.camera.camera import Camera
+from rig.devices.camera.driver import Camera
 from rig.devices.connect import open_altimeter, open_compass, open_inclinometer, open_pan_tilt
 from rig.devices.dynamixel.scan import scan_hint
 from rig.devices.pan_tilt import HeadState, PanTilt

@@ -10,7 +10,7 @@ from localizer.errors import SkyfixError
 from localizer.os_errors import why_not_written
 from rig.atomic import write_atomically
 from rig.bundle.preview import write_preview
-from rig.capture.measure import utc_text
+from rig.capture.averaged_readings import utc_text
 from rig.series.journal import Outcome, Series
 from rig.series.summary import summary, summary_text
 

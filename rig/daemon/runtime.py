@@ -14,18 +14,18 @@ import structlog
 from rig.config.model import RigConfig
 from rig.daemon.captures import Captures
 from rig.daemon.control import ControlSocket
-from rig.daemon.device_watch import DeviceWatch, Hardware, obstacle
+from rig.daemon.device_monitor import DeviceWatch, Hardware, obstacle
+from rig.daemon.heartbeat import Loops
 from rig.daemon.main_loop import Inbox, MainLoop, keep_odometer, run_of, start_worker
 from rig.daemon.notify import Notifier
 from rig.daemon.odometry.receiver import Odometer, OdometryListener
-from rig.daemon.progress import Loops
 from rig.daemon.publishers import publish
-from rig.daemon.rest import RestWatch
-from rig.daemon.search.loop import Search, restore
+from rig.daemon.search.locate_loop import Search, restore
 from rig.daemon.search.process import SearchProcess
-from rig.daemon.spool.spool import ODOMETER, Spool
+from rig.daemon.signals import Signals
+from rig.daemon.spool.store import ODOMETER, Spool
 from rig.daemon.state import Board
-from rig.daemon.stopping import Signals
+from rig.daemon.stationary_trigger import RestWatch
 from rig.daemon.triggers import Triggers
 
 _log = structlog.get_logger(__name__)

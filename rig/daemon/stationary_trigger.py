@@ -12,7 +12,7 @@ import structlog
 
 from rig.config.model import RigConfig
 from rig.config.run import RestTrigger
-from rig.daemon.device_watch import Hardware, next_wait_s, note_device
+from rig.daemon.device_monitor import Hardware, next_wait_s, note_device
 from rig.daemon.state import Board
 from rig.devices.bus.retry import retry
 from rig.devices.connect import Inclinometer, open_inclinometer

@@ -27,7 +27,7 @@ from rig.attitude.kinematics import Attitude, JointAngles
 from rig.attitude.level import BaseLevel, HeadLevel, LevelReading, LevelSigmas, base_level, in_axes
 from rig.attitude.talker_headings import true_headings
 from rig.attitude.tilt_agreement import require_agreement
-from rig.capture.measure import require_stood, still_level, utc_text
+from rig.capture.averaged_readings import require_stood, still_level, utc_text
 from rig.clock import utc_now
 from rig.config.model import RigConfig
 from rig.config.sections import CompassSection, Mmc5983maSection, Place

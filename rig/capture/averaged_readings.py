@@ -14,8 +14,8 @@ import numpy as np
 from rig import clock
 from rig.attitude.accelerometer import AccelerometerCorrection
 from rig.attitude.altitude import PressureReference, metres_per_hpa, plausible_altitude_m
+from rig.attitude.altitude_plausibility import AltitudeBounds, bounds_by_reference, require_possible
 from rig.attitude.level import HeadLevel, head_level
-from rig.attitude.possible_altitude import AltitudeBounds, bounds_by_reference, require_possible
 from rig.config.sections import AltimeterSection, InclinometerSection
 from rig.devices.bus.deadline import Deadline
 from rig.devices.bus.retry import retry

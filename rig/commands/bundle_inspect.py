@@ -12,7 +12,7 @@ import click
 from localizer.bundle import Bundle, BundleError, load_bundle
 from localizer.os_errors import meant_instead
 from rig.bundle.archive import ArchiveError, bundles_of_archive, is_archive
-from rig.bundle.facts import TABLE_COLUMNS, bundles_in, facts, how_often, table_rows, to_the_second
+from rig.bundle.summary import TABLE_COLUMNS, bundles_in, facts, how_often, table_rows, to_the_second
 from rig.commands.options import folders_argument
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")

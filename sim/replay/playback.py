@@ -1,7 +1,7 @@
 """Plays a log of ``rig record`` back: recorded devices on pseudo-terminals and an I2C bridge, a camera that shows grey.
 
 A device that was asked answers each request as it did when it was asked the same in the same situation
-(``sim.replay.recorded``); one that talks unasked says the same bytes after the same pauses, over and
+(``sim.replay.response_lookup``); one that talks unasked says the same bytes after the same pauses, over and
 over. What the log cannot answer is told. The format of the log is described in docs/recording.md.
 """
 

@@ -14,7 +14,7 @@ from localizer.track.tracker import Tracker, TrackerError
 from rig.clock import Instant, utc_now
 from rig.daemon.boot import boot_id
 from rig.daemon.search.process import Found, SearchFailedError, SearchProcess, Standing
-from rig.daemon.spool.spool import Entry, Spool, SpoolError
+from rig.daemon.spool.store import Entry, Spool, SpoolError
 from rig.daemon.state import Answer, Board
 
 _log = structlog.get_logger(__name__)

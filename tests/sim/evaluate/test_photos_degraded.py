@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sim.evaluate.photos.spoilt_pictures import SPOILERS, spoilt_pictures
+from sim.evaluate.photos.degraded_pictures import SPOILERS, spoilt_pictures
 from sim.evaluate.photos.traced_pictures import HELD_OUT, TUNED_ON, TracedPicture
 
 WIDTH, HEIGHT = 400, 300

@@ -25,7 +25,7 @@ from sim.render.calibration_target import BoardPictures
 from sim.render.panorama import render_panorama
 from sim.render.renderer import Renderer
 from sim.rigs.bundle_error import BundleError, CameraLog, bundle_error
-from sim.rigs.side_by_side import side_by_side
+from sim.rigs.parallel import side_by_side
 from sim.world.mechanics import Rotation
 from sim.world.scenario import Scenario
 from sim.world.truth import World

@@ -8,7 +8,7 @@ import pytest
 from sim.commands.options import EMBEDDED_DEM
 from sim.launch.operator import turn_asked_deg
 from sim.render.calibration_target import FRAMES_A_POSE, BoardPictures
-from sim.rigs.rigs import LIMITS, RigResult, calibrate_rig, write_csv
+from sim.rigs.calibration_trial import LIMITS, RigResult, calibrate_rig, write_csv
 from sim.world.mechanics import Attitude, Mechanics, body_attitude, body_in_world, turned_about_axes
 from sim.world.scenario import CameraOptics, load_scenario
 

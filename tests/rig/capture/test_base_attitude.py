@@ -12,7 +12,7 @@ import pytest
 
 from rig.attitude.kinematics import Attitude, JointAngles, pan_stage_rotation
 from rig.attitude.level import HeadLevel
-from rig.capture.standing import HEADING_OF_STOPS, MeanField, Stop, standing_from
+from rig.capture.base_attitude import HEADING_OF_STOPS, MeanField, Stop, standing_from
 from rig.config.load import load_config
 from rig.config.model import RigConfig
 from rig.config.sections import NmeaCompassSection

@@ -9,11 +9,11 @@ import structlog
 from fakes.located import answer_of
 
 from rig.config.run import NmeaOutput
-from rig.daemon import seldom
+from rig.daemon import log_rate_limit
 from rig.daemon.log import logging_to
+from rig.daemon.log_rate_limit import Seldom
 from rig.daemon.publish import tcp_broadcast
 from rig.daemon.publish.nmea import publishing
-from rig.daemon.seldom import Seldom
 from rig.daemon.state import Board
 
 SOON_S = 30.0
@@ -46,8 +46,10 @@ def test_the_first_of_a_kind_are_written_and_the_rest_counted(log):
     for number in range(500):
         log.warning("client %d was refused", number)
     log.seldom.close()
-    assert log.lines[: seldom.FIRST] == [f"client {n} was refused" for n in range(seldom.FIRST)]
-    assert log.lines[seldom.FIRST :] == ["490 more lines like this left out: client %d was refused"]
+    assert log.lines[: log_rate_limit.FIRST] == [
+        f"client {n} was refused" for n in range(log_rate_limit.FIRST)
+    ]
+    assert log.lines[log_rate_limit.FIRST :] == ["490 more lines like this left out: client %d was refused"]
 
 
 def test_another_kind_is_written_all_the_same(log):
@@ -55,16 +57,16 @@ def test_another_kind_is_written_all_the_same(log):
         log.warning("noise")
     log.warning("something else")
     log.error("noise")  # is not a warning of it
-    assert log.lines[seldom.FIRST :] == ["something else", "noise"]
+    assert log.lines[log_rate_limit.FIRST :] == ["something else", "noise"]
 
 
 def test_after_a_while_one_more_is_written_with_the_number_left_out(log, monkeypatch):
     for _ in range(50):
         log.warning("noise")
-    later_s = time.monotonic() + 2.5 * seldom.EVERY_S
-    monkeypatch.setattr(seldom.time, "monotonic", lambda: later_s)
+    later_s = time.monotonic() + 2.5 * log_rate_limit.EVERY_S
+    monkeypatch.setattr(log_rate_limit.time, "monotonic", lambda: later_s)
     log.info("good morning")
-    assert log.lines[seldom.FIRST :] == ["40 more lines like this left out: noise", "good morning"]
+    assert log.lines[log_rate_limit.FIRST :] == ["40 more lines like this left out: noise", "good morning"]
 
 
 def test_lines_that_are_nothing_but_values_are_told_apart_by_these(log):
@@ -101,7 +103,7 @@ def test_refused_clients_do_not_fill_the_journal(monkeypatch, capsys):
         board.set_answer(answer_of("a"))
     lines = capsys.readouterr().err.splitlines()
     told = [line for line in lines if "turned away" in line]
-    assert len(told) == seldom.FIRST + 1
+    assert len(told) == log_rate_limit.FIRST + 1
     assert "127.0.0.1 was turned away: 1 clients are connected" in told[0]
     assert "90 more lines like this left out" in told[-1]
     assert board.snapshot().counts["log lines left out"] == 90
@@ -114,4 +116,4 @@ def test_garbage_over_http_does_not_fill_it_either(capsys):
         for _ in range(1000):
             logging.getLogger("uvicorn.error").warning("Invalid HTTP request received.")
     lines = capsys.readouterr().err.splitlines()
-    assert sum("Invalid HTTP request" in line for line in lines) == seldom.FIRST + 1
+    assert sum("Invalid HTTP request" in line for line in lines) == log_rate_limit.FIRST + 1
