@@ -21,12 +21,12 @@ class Step:
     text: str
 
 
-def listen(listener: Listener) -> None:
+def subscribe(listener: Listener) -> None:
     """Have ``listener`` called with each object, in the thread that publishes it: it must be quick."""
     _listeners.append(listener)
 
 
-def ignore(listener: Listener) -> None:
+def unsubscribe(listener: Listener) -> None:
     """End that."""
     _listeners.remove(listener)
 

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from rig import clock
 from rig.attitude.altitude import PressureReference, altitude_m, metres_per_hpa
 from rig.calibrate.figures import new_figure
-from rig.calibrate.run import Session
+from rig.calibrate.run import CalibrationRun
 from rig.config.calibration_files import AltimeterCalibration, CalibrationError
 from rig.devices.bus.retry import retry
 from rig.devices.connect import open_altimeter
@@ -65,16 +65,16 @@ def fit_pressure(readings: Sequence[PressureReading], known: KnownAltitude) -> P
 
 
 def calibrate_altimeter(
-    session: Session, known: KnownAltitude, air_c: float | None, drift_m_h: float
+    run: CalibrationRun, known: KnownAltitude, air_c: float | None, drift_m_h: float
 ) -> None:
     """Read, check and write; from then on the altitude's sigma grows by ``drift_m_h`` an hour.
 
     ``air_c`` is the temperature of the air; None takes the standard atmosphere's.
     """
-    section = session.config.altimeter
+    section = run.config.altimeter
     if section is None:
         raise CalibrationError("altimeter: the configuration has no [altimeter]; add it first")
-    session.guide.ready("Stand still with doors and windows closed.")
+    run.guide.ready("Stand still with doors and windows closed.")
     altimeter = open_altimeter(section)
     try:
         device = altimeter.identify()
@@ -87,7 +87,7 @@ def calibrate_altimeter(
         )
     fit = fit_pressure(readings, known)
     document = AltimeterCalibration(
-        **session.header("altimeter", device),
+        **run.header("altimeter", device),
         altimeter=section.kind,
         reference_pressure_hpa=fit.pressure_hpa,
         reference_altitude_m=known.altitude_m,
@@ -107,7 +107,7 @@ def calibrate_altimeter(
         ("drift, m an hour", "", f"{drift_m_h:.1f}"),
         ("the reference so far was off by, m", f"{off_m:.1f}", ""),
     ]
-    session.finish(document, rows, draw(readings, fit))
+    run.finish(document, rows, draw(readings, fit))
 
 
 def draw(readings: Sequence[PressureReading], fit: PressureFit) -> Figure:

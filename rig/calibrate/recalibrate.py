@@ -17,7 +17,7 @@ from rig.attitude.level import HeadLevel, tilt_roll_deg
 from rig.bundle.writer import Measurement, require_writable, write_bundle
 from rig.capture import derive
 from rig.capture.averaged_readings import MeanPressure, altitude_from
-from rig.capture.base_attitude import MeanField, Stop, standing_from
+from rig.capture.base_attitude import MeanField, Stop, estimate_base
 from rig.config.calibration_files import AppliedCalibration, CalibrationError, parse_calibration
 from rig.config.model import RigConfig, with_calibrations
 from rig.config.sections import InclinometerSection
@@ -80,9 +80,9 @@ def recorded_calibrations(files: Record) -> list[AppliedCalibration]:
 def _measurement(bundle: Bundle, config: RigConfig) -> Measurement:
     extra = bundle.model_extra or {}
     raw: Record = extra["raw"]
-    shots = [_shot(bundle, frame, config) for frame in bundle.frames]
+    shots = [_shot_of(bundle, frame, config) for frame in bundle.frames]
     stops = [_stop(record, config) for record in raw["stops"]]
-    standing = standing_from(config, stops, raw["compass"], [shot.stop for shot in shots])
+    base_estimate = estimate_base(config, stops, raw["compass"], [shot.stop for shot in shots])
     altitude = None
     if raw["altimeter"] is not None and config.altimeter is not None:
         read = altitude_from(_pressure(raw["altimeter"]), config.altimeter)
@@ -92,15 +92,15 @@ def _measurement(bundle: Bundle, config: RigConfig) -> Measurement:
         camera=derive.bundle_camera(config),
         mast_height_m=bundle.mast_height_m,
         altitude=altitude,
-        azimuth_bias_sigma_deg=derive.azimuth_bias_sigma_deg(config, standing),
-        tilt_bias_sigma_deg=derive.tilt_bias_sigma_deg(config, standing),
-        frames=[derive.frame_record(config, standing, shot) for shot in shots],
+        azimuth_bias_sigma_deg=derive.azimuth_bias_sigma_deg(config, base_estimate),
+        tilt_bias_sigma_deg=derive.tilt_bias_sigma_deg(config, base_estimate),
+        frames=[derive.frame_record(config, base_estimate, shot) for shot in shots],
         raw={**raw, "recalibrated_from": bundle.id},
-        calibration=derive.calibration_record(config, standing),
+        calibration=derive.calibration_record(config, base_estimate),
     )
 
 
-def _shot(bundle: Bundle, frame: Frame, config: RigConfig) -> derive.Shot:
+def _shot_of(bundle: Bundle, frame: Frame, config: RigConfig) -> derive.Shot:
     raw: Record = (frame.model_extra or {})["raw"]
     after = _joints(raw["ticks"], config)
     before = _joints(raw["ticks_before"] if "ticks_before" in raw else raw["ticks"], config)

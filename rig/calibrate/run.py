@@ -24,7 +24,7 @@ PLAIN_WIDTH = 100
 
 
 @dataclass(frozen=True)
-class Session:
+class CalibrationRun:
     """A calibration that goes on: the configuration in force, its file, where results go, and whom to talk to."""
 
     config: RigConfig
@@ -34,7 +34,9 @@ class Session:
     as_json: bool = False
 
     @classmethod
-    def open(cls, config_file: Path | None, out: Path | None, yes: bool, as_json: bool = False) -> "Session":
+    def open(
+        cls, config_file: Path | None, out: Path | None, yes: bool, as_json: bool = False
+    ) -> "CalibrationRun":
         """From a command's options. ``ConfigError`` as the configuration deserves it."""
         path = config_path(config_file)
         return cls(load_config(path), path, out or path.parent / FOLDER, TerminalGuide(yes), as_json)

@@ -77,7 +77,7 @@ class Stop:
 
 
 @dataclass(frozen=True)
-class Standing:
+class BaseEstimate:
     """Attitude of the base and what is known about its errors; ``raw`` and ``calibration`` for the bundle."""
 
     attitude: Attitude
@@ -89,17 +89,17 @@ class Standing:
     """What level and heading were read at before any picture."""
 
 
-def measure_standing(rig: Rig) -> Standing:
+def measure_base(rig: Rig) -> BaseEstimate:
     """Turn the head through the configured pan angles, at tilt 0, and read inclinometer and compass at each."""
     duration_s = rig.config.inclinometer.average_s * READING_SHARE
-    pans_deg = _in_passing(rig)
+    pans_deg = _pans_in_sweep_order(rig)
     nod = _nod(rig, pans_deg[0]) if rig.config.inclinometer.chip in TWO_AXES else None
     stops = [read_stop(rig, JointAngles(pan_deg, 0.0), duration_s) for pan_deg in pans_deg]
-    standing = standing_from(rig.config, stops, rig.compass.identify() if rig.compass else None)
+    base_estimate = estimate_base(rig.config, stops, rig.compass.identify() if rig.compass else None)
     if nod:
-        measured_deg = nod.level.tilt_deg - standing.level.tilt_zero_deg
-        require_agreement(standing.attitude, nod.joints, measured_deg, rig.inclinometer.identify())
-    return standing
+        measured_deg = nod.level.tilt_deg - base_estimate.level.tilt_zero_deg
+        require_agreement(base_estimate.attitude, nod.joints, measured_deg, rig.inclinometer.identify())
+    return base_estimate
 
 
 def _nod(rig: Rig, pan_deg: float) -> LevelReading | None:
@@ -118,9 +118,9 @@ def _nod(rig: Rig, pan_deg: float) -> LevelReading | None:
     return None
 
 
-def standing_from(
+def estimate_base(
     config: RigConfig, stops: Sequence[Stop], compass: str | None, views: Sequence[Stop] = ()
-) -> Standing:
+) -> BaseEstimate:
     """Attitude of the base: level from the ``stops``, heading from them and from the ``views``, where pictures were taken.
 
     ``compass`` is the device's identity, for the record. A view at which it was not read says nothing of the heading.
@@ -139,7 +139,7 @@ def standing_from(
         found, details = _heading_with_views(config.compass, config.place, stops, views, level)
         corrected_deg = (found.heading_deg + config.compass.heading_offset_deg) % 360.0
         heading = replace(found, heading_deg=corrected_deg)
-    return Standing(
+    return BaseEstimate(
         level.attitude(heading.heading_deg),
         level,
         heading,
@@ -230,7 +230,7 @@ def read_here(rig: Rig, state: HeadState, duration_s: float) -> Stop:
     return stop_of(state.ticks, JointAngles(state.pan_deg, state.tilt_deg), level, readings)
 
 
-def read_compass_beside(rig: Rig, duration_s: float) -> Sequence[CompassReading]:
+def read_compass_during_picture(rig: Rig, duration_s: float) -> Sequence[CompassReading]:
     """What the compass reads for so long while a picture is taken; nothing, and a note, where it fails.
 
     It is tried again only as long as the inclinometer is read anyway: pictures do not wait for it.
@@ -267,7 +267,7 @@ def mean_field(readings: Sequence[FieldReading]) -> MeanField | None:
     return MeanField(tuple(mean_ut), tuple(scatter_ut), len(readings), readings[-1].temperature_c)
 
 
-def _in_passing(rig: Rig) -> list[float]:
+def _pans_in_sweep_order(rig: Rig) -> list[float]:
     """The configured pan angles in one sweep, from the end that is nearer."""
     angles_deg = sorted(rig.config.capture.base_attitude_pan_angles_deg)
     here_deg = rig.pan_tilt.state().pan_deg

@@ -22,12 +22,12 @@ from rig.bundle.writer import Measurement, require_writable, write_bundle
 from rig.capture import derive
 from rig.capture.averaged_readings import AltitudeReading, read_altitude, require_stood, still_level, utc_text
 from rig.capture.base_attitude import (
-    Standing,
+    BaseEstimate,
     Stop,
     compass_record,
-    measure_standing,
-    read_compass_beside,
-    standing_from,
+    estimate_base,
+    measure_base,
+    read_compass_during_picture,
     stop_of,
 )
 from rig.capture.pictures.framing import confident_fraction, state_counts, tilt_correction_deg
@@ -161,24 +161,24 @@ def measure(
     seen = [seen_at(JointAngles(parked.pan_deg, parked.tilt_deg), first)]
     # Compiled code takes a second to load: better now than while the head waits for it.
     loading = rig.readers.submit(find_skyline, first)
-    standing = measure_standing(rig)
+    base_estimate = measure_base(rig)
     altitude = reading.result()
     loading.result()
-    event_bus.publish(standing)
+    event_bus.publish(base_estimate)
     if altitude:
         event_bus.publish(altitude)
-    report.done(_standing_line(standing, altitude))
-    north = standing.heading.declination
+    report.done(_base_line(base_estimate, altitude))
+    north = base_estimate.heading.declination
     if north and north.doubt:
         report.done(f"compass: {north.doubt}: {north.action}")
     head = Head.from_config(rig.config)
     found: dict[str, derive.Shot] = {}
-    for direction in in_passing(directions, standing.attitude, head, rig.pan_tilt.state().pan_deg):
+    for direction in in_sweep_order(directions, base_estimate.attitude, head, rig.pan_tilt.state().pan_deg):
         report.doing(f"looking {direction.label}")
-        view = look(rig, direction, standing, head, seen)
+        view = aim_and_take(rig, direction, base_estimate, head, seen)
         event_bus.publish(view)
         report.done(_view_line(direction, view))
-        found[direction.label] = _shot(direction, view)
+        found[direction.label] = _shot_of(direction, view)
     shots = [found[direction.label] for direction in directions]
     if not any(shot.raw["skyline"]["share"] for shot in shots):
         raise CaptureError(
@@ -187,31 +187,31 @@ def measure(
         )
     times = {f"frame {shot.label}": shot.time for shot in shots}
     times |= {
-        f"level and heading at stop {number}": stop.utc for number, stop in enumerate(standing.stops, 1)
+        f"level and heading at stop {number}": stop.utc for number, stop in enumerate(base_estimate.stops, 1)
     }
     if altitude:
         times["altitude"] = altitude.utc
     require_fresh(times, rig.config.capture.oldest_reading_s)
     if any(shot.stop.has_compass for shot in shots):
         views = [shot.stop for shot in shots]
-        standing = standing_from(rig.config, standing.stops, standing.raw["compass"], views)
-        event_bus.publish(standing)
+        base_estimate = estimate_base(rig.config, base_estimate.stops, base_estimate.raw["compass"], views)
+        event_bus.publish(base_estimate)
     return Measurement(
         created=clock.utc_now(),
         camera=derive.bundle_camera(rig.config),
         mast_height_m=rig.config.rig.mast_height_m,
         altitude=Altitude(value_m=altitude.altitude_m, sigma_m=altitude.sigma_m) if altitude else None,
-        azimuth_bias_sigma_deg=derive.azimuth_bias_sigma_deg(rig.config, standing),
-        tilt_bias_sigma_deg=derive.tilt_bias_sigma_deg(rig.config, standing),
-        frames=[derive.frame_record(rig.config, standing, shot) for shot in shots],
+        azimuth_bias_sigma_deg=derive.azimuth_bias_sigma_deg(rig.config, base_estimate),
+        tilt_bias_sigma_deg=derive.tilt_bias_sigma_deg(rig.config, base_estimate),
+        frames=[derive.frame_record(rig.config, base_estimate, shot) for shot in shots],
         raw={
             "rig": rig.config.rig.name,
             "pan_tilt": rig.pan_tilt.identify(),
             "inclinometer": rig.inclinometer.identify(),
             "altimeter": altitude.raw if altitude else None,
-            **standing.raw,
+            **base_estimate.raw,
         },
-        calibration=derive.calibration_record(rig.config, standing),
+        calibration=derive.calibration_record(rig.config, base_estimate),
     )
 
 
@@ -227,8 +227,8 @@ def require_fresh(times: Mapping[str, datetime], oldest_s: float) -> None:
         )
 
 
-def look(
-    rig: Rig, direction: Direction, standing: Standing, head: Head, seen: list[Seen] | None = None
+def aim_and_take(
+    rig: Rig, direction: Direction, base_estimate: BaseEstimate, head: Head, seen: list[Seen] | None = None
 ) -> View:
     """Point at a direction and tilt until the skyline lies well in the picture.
 
@@ -243,12 +243,12 @@ def look(
     views: list[View] = []
     while len(views) < MOST_VIEWS:
         try:
-            joints = joints_beside(direction.azimuth_deg, tilt_deg, standing.attitude, head)
+            joints = nearest_reachable_joints(direction.azimuth_deg, tilt_deg, base_estimate.attitude, head)
         except GoalError:
             if not views:
                 raise
             break
-        view = take_view(rig, joints, standing, head, seen)
+        view = take_view(rig, joints, base_estimate, head, seen)
         # The last one: a camera that freezes while a view is taken mixes what it saw before into the mean.
         seen.append(seen_at(joints, view.frames[-1].image_bgr))
         views.append(view)
@@ -263,7 +263,7 @@ def look(
     return max(reversed(views), key=lambda view: view.skyline_share)
 
 
-def joints_beside(azimuth_deg: float, tilt_deg: float, base: Attitude, head: Head) -> JointAngles:
+def nearest_reachable_joints(azimuth_deg: float, tilt_deg: float, base: Attitude, head: Head) -> JointAngles:
     """Joint angles for a direction, or for the nearest one within ``ASIDE_DEG`` that the head reaches.
 
     The pan stops short of a whole turn, and the bundle records where a frame was really taken. ``GoalError`` of
@@ -281,23 +281,25 @@ def joints_beside(azimuth_deg: float, tilt_deg: float, base: Attitude, head: Hea
         raise
 
 
-def in_passing(
+def in_sweep_order(
     directions: Sequence[Direction], base: Attitude, head: Head, pan_deg: float
 ) -> list[Direction]:
     """The directions in one sweep of the pan, from the end that is nearer. ``GoalError`` for one out of reach."""
-    pans = {d.label: joints_beside(d.azimuth_deg, 0.0, base, head).pan_deg for d in directions}
+    pans = {d.label: nearest_reachable_joints(d.azimuth_deg, 0.0, base, head).pan_deg for d in directions}
     sweep = sorted(directions, key=lambda direction: pans[direction.label])
     first, last = pans[sweep[0].label], pans[sweep[-1].label]
     return sweep if abs(pan_deg - first) <= abs(pan_deg - last) else sweep[::-1]
 
 
-def take_view(rig: Rig, joints: JointAngles, standing: Standing, head: Head, seen: Sequence[Seen]) -> View:
+def take_view(
+    rig: Rig, joints: JointAngles, base_estimate: BaseEstimate, head: Head, seen: Sequence[Seen]
+) -> View:
     """Move to joint angles, and read all that tells where the camera looks while it takes its pictures."""
     camera = rig.config.camera
     before = rig.pan_tilt.go_to(joints.pan_deg, joints.tilt_deg)
     average_s = rig.config.inclinometer.average_s
     levelling = rig.readers.submit(still_level, rig, average_s)
-    heading = rig.readers.submit(read_compass_beside, rig, average_s)
+    heading = rig.readers.submit(read_compass_during_picture, rig, average_s)
     exposed_s = time.monotonic() + camera.exposure_settle_s
     pictures = take_pictures(rig.camera, camera.frames_per_direction, exposed_s, joints, seen)
     level, still_since_s = levelling.result()
@@ -308,8 +310,8 @@ def take_view(rig: Rig, joints: JointAngles, standing: Standing, head: Head, see
     require_stood(before, after, "a frame was taken")
     joints_seen = JointAngles((before.pan_deg + after.pan_deg) / 2, (before.tilt_deg + after.tilt_deg) / 2)
     stop = stop_of(after.ticks, joints_seen, level, readings)
-    pointing = derive.pointing(standing, joints_seen, level, head)
-    _compare_tilts(rig, standing, joints_seen, level)
+    pointing = derive.pointing(base_estimate, joints_seen, level, head)
+    _compare_tilts(rig, base_estimate, joints_seen, level)
     margin = rig.config.capture.skyline_margin_fraction
     skyline = pictures.skyline
     return View(
@@ -325,14 +327,14 @@ def take_view(rig: Rig, joints: JointAngles, standing: Standing, head: Head, see
     )
 
 
-def _compare_tilts(rig: Rig, standing: Standing, joints: JointAngles, level: HeadLevel) -> None:
+def _compare_tilts(rig: Rig, base_estimate: BaseEstimate, joints: JointAngles, level: HeadLevel) -> None:
     """Note a tilt joint that disagrees with the inclinometer, which is the one that is believed.
 
     ``DeviceError`` where they disagree by a factor.
     """
-    measured_deg = level.tilt_deg - standing.level.tilt_zero_deg
-    require_agreement(standing.attitude, joints, measured_deg, rig.inclinometer.identify())
-    by_joints_deg = body_attitude(head_rotation(standing.attitude, joints)).tilt_deg
+    measured_deg = level.tilt_deg - base_estimate.level.tilt_zero_deg
+    require_agreement(base_estimate.attitude, joints, measured_deg, rig.inclinometer.identify())
+    by_joints_deg = body_attitude(head_rotation(base_estimate.attitude, joints)).tilt_deg
     if abs(measured_deg - by_joints_deg) > PLAY_DEG:
         note_fault(
             "tilt servo",
@@ -347,7 +349,7 @@ def _altitude(rig: Rig, dem: "Dem | None") -> AltitudeReading | None:
     return read_altitude(rig.altimeter, rig.config.altimeter, altitude_bounds(rig.config, dem))
 
 
-def _shot(direction: Direction, view: View) -> derive.Shot:
+def _shot_of(direction: Direction, view: View) -> derive.Shot:
     return derive.Shot(
         label=direction.label,
         image_bgr=view.image_bgr,
@@ -369,12 +371,12 @@ def _shot(direction: Direction, view: View) -> derive.Shot:
     )
 
 
-def _standing_line(standing: Standing, altitude: AltitudeReading | None) -> str:
-    base, heading = standing.attitude, standing.heading
+def _base_line(base_estimate: BaseEstimate, altitude: AltitudeReading | None) -> str:
+    base, heading = base_estimate.attitude, base_estimate.heading
     parts = [
         f"heading {base.azimuth_deg:.1f} +- {heading.sigma_deg:.1f}",
         f"pitch {base.tilt_deg:z.2f}",
-        f"roll {base.roll_deg:z.2f} deg (residual {standing.level.residual_deg:.3f})",
+        f"roll {base.roll_deg:z.2f} deg (residual {base_estimate.level.residual_deg:.3f})",
     ]
     if altitude:
         parts.append(f"altitude {altitude.altitude_m:.1f} +- {altitude.sigma_m:.1f} m")

@@ -15,8 +15,8 @@ from rig.commands.signals import stopping_cleanly
 
 if TYPE_CHECKING:
     from rig.calibrate.boresight.known_place import KnownPlace
-    from rig.calibrate.camera.target import Board
-    from rig.calibrate.run import Session
+    from rig.calibrate.camera.target import CalibrationTarget
+    from rig.calibrate.run import CalibrationRun
 
 Command = Callable[..., Any]
 
@@ -27,7 +27,7 @@ at_option = click.option(
     "--at", metavar="LAT,LON", help="The known place where the vehicle stands, WGS84 degrees."
 )
 dem_option = dem_files_option("Elevation file for --at; repeat it for files that adjoin.")
-board_option = click.option(
+target_option = click.option(
     "--board",
     "board_text",
     default="charuco:9x7:30:22",
@@ -47,16 +47,16 @@ class Asked:
     as_json: bool
 
     @contextmanager
-    def session(self) -> Iterator["Session"]:
+    def session(self) -> Iterator["CalibrationRun"]:
         """The calibration begins; a signal ends it through its clean-up."""
-        from rig.calibrate.run import Session
+        from rig.calibrate.run import CalibrationRun
 
-        session = Session.open(self.config_file, self.out_dir, self.yes, self.as_json)
+        session = CalibrationRun.open(self.config_file, self.out_dir, self.yes, self.as_json)
         with stopping_cleanly():
             yield session
 
 
-def session_options(command: Command) -> Command:
+def calibration_run_options(command: Command) -> Command:
     """Give a command the options of all calibrations, as one argument ``asked``."""
 
     @config_option
@@ -119,11 +119,11 @@ def known_place_of(at: str, dem_paths: tuple[Path, ...], option: str = "--at") -
     return known_place(lat_deg, lon_deg, dem_paths, option)
 
 
-def board_of(text: str) -> "Board":
+def target_of(text: str) -> "CalibrationTarget":
     """The board that ``--board`` names; ``UsageError`` where it is none."""
-    from rig.calibrate.camera.target import parse_board
+    from rig.calibrate.camera.target import parse_target
 
     try:
-        return parse_board(text)
+        return parse_target(text)
     except ValueError as error:
         raise click.UsageError(f"--board: {error}.") from error

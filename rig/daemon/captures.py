@@ -8,11 +8,11 @@ import structlog
 
 from rig.capture.sequence import capture
 from rig.config.model import RigConfig
-from rig.daemon.device_monitor import DeviceWatch, Hardware
+from rig.daemon.device_monitor import DeviceLocks, DeviceMonitor
 from rig.daemon.odometry.receiver import Odometer
 from rig.daemon.signals import Signals, StopRequestedError
 from rig.daemon.spool.store import Spool, SpoolError, SpoolFullError
-from rig.daemon.state import Board, TriggerSource
+from rig.daemon.state import DaemonState, TriggerSource
 from rig.devices.connect import open_pan_tilt
 from rig.errors import RigError
 
@@ -39,18 +39,18 @@ class Captures:
     def __init__(
         self,
         config: RigConfig,
-        board: Board,
+        daemon_state: DaemonState,
         spool: Spool,
         signals: Signals,
-        hardware: Hardware,
-        watch: DeviceWatch,
+        device_locks: DeviceLocks,
+        watch: DeviceMonitor,
         odometer: Odometer | None,
     ) -> None:
         self._config = config
-        self._board = board
+        self._state = daemon_state
         self._spool = spool
         self._signals = signals
-        self._hardware = hardware
+        self._device_locks = device_locks
         self._watch = watch
         self._odometer = odometer
 
@@ -64,11 +64,11 @@ class Captures:
         except SpoolError as error:
             self._ended("refused", source, str(error))
             return None
-        self._board.set_activity("capturing")
-        self._board.tell("capture", stage="begun", trigger=source)
+        self._state.set_activity("capturing")
+        self._state.tell("capture", stage="begun", trigger=source)
         reason: str | None = None
         try:
-            with self._hardware.all():
+            with self._device_locks.all():
                 capture(
                     self._config,
                     self._config.capture.parsed_directions(),
@@ -86,15 +86,15 @@ class Captures:
             bundle = self._take_in()
             if bundle is None:
                 if self._odometer:
-                    self._odometer.take_back()
+                    self._odometer.undo_capture()
                 self._ended("failed", source, reason or "no bundle was left")
                 self._watch.soon()
             else:
                 if self._odometer:
                     self._odometer.keep()
                 self._watch.worked()
-                self._board.count("captures done")
-                self._board.tell("capture", stage="done", trigger=source, bundle=bundle)
+                self._state.count("captures done")
+                self._state.tell("capture", stage="done", trigger=source, bundle=bundle)
                 _log.info(
                     "captured", bundle=bundle, trigger=source, seconds=round(time.monotonic() - begun_s, 1)
                 )
@@ -108,17 +108,17 @@ class Captures:
         try:
             self._spool.begin_capture(source, leg, self._odometer.to_json())
         except SpoolError:
-            self._odometer.take_back()
+            self._odometer.undo_capture()
             raise
 
     def _make_room(self) -> None:
         try:
             removed = self._spool.make_room()
         except SpoolFullError:
-            self._board.count("spool full")
+            self._state.count("spool full")
             raise
         for bundle in removed:
-            self._board.count("bundles deleted")
+            self._state.count("bundles deleted")
             _log.info("deleted for the quota", bundle=bundle)
 
     def _take_in(self) -> str | None:
@@ -131,8 +131,8 @@ class Captures:
             return None
 
     def _ended(self, stage: str, source: TriggerSource, reason: str, level: int = logging.ERROR) -> None:
-        self._board.count(f"captures {stage}")
-        self._board.tell("capture", stage=stage, trigger=source, reason=reason)
+        self._state.count(f"captures {stage}")
+        self._state.tell("capture", stage=stage, trigger=source, reason=reason)
         _log.log(level, f"capture {stage}", trigger=source, reason=reason)
 
     def interrupted(self, source: TriggerSource) -> None:
@@ -152,5 +152,5 @@ class Captures:
         else:
             if self._odometer:
                 self._odometer.keep()
-            self._board.count("captures done")
+            self._state.count("captures done")
             _log.info("captured", bundle=bundle, trigger=source)

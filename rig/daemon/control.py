@@ -21,7 +21,7 @@ from typing import Any
 
 from localizer.documents import DocumentError, json_values
 from rig.daemon.readiness import reason
-from rig.daemon.state import Actions, Board
+from rig.daemon.state import Actions, DaemonState
 from rig.daemon.status import status_json
 from rig.errors import RigError
 
@@ -55,10 +55,10 @@ class _Client:
 class ControlSocket:
     """Listens until it is told to stop; its file is there as long as it does. No client waits for another."""
 
-    def __init__(self, path: Path, board: Board, actions: Actions) -> None:
+    def __init__(self, path: Path, daemon_state: DaemonState, actions: Actions) -> None:
         """``ControlError`` where there can be no socket."""
         self._path = path
-        self._board = board
+        self._state = daemon_state
         self._actions = actions
         self._clients: dict[int, _Client] = {}
         if len(os.fsencode(path)) > LONGEST_PATH:
@@ -151,10 +151,10 @@ class ControlSocket:
         match wish:
             case "trigger":
                 answer = self._actions.trigger("command")
-                why = {"why": reason(self._board)} if answer == "not ready" else {}
+                why = {"why": reason(self._state)} if answer == "not ready" else {}
                 return {"answer": answer, **why}
             case "status":
-                return status_json(self._board.snapshot())
+                return status_json(self._state.snapshot())
         return {"error": f"cannot do {wish!r}, only trigger and status"}
 
 

@@ -11,11 +11,11 @@ import structlog
 from rig.config.model import RigConfig
 from rig.daemon.readiness import NEEDED, obstacle
 from rig.daemon.servo_restarts import ServoRestarts, restart_servos
-from rig.daemon.state import Board
+from rig.daemon.state import DaemonState
 from rig.errors import RigError
 from rig.watch.sources import Opener, sources_of
 
-__all__ = ["DeviceWatch", "Hardware", "all_tried", "next_wait_s", "note_device", "obstacle"]
+__all__ = ["DeviceLocks", "DeviceMonitor", "all_tried", "next_wait_s", "note_device", "obstacle"]
 
 _log = structlog.get_logger(__name__)
 
@@ -23,7 +23,7 @@ ALL = ("head", "inclinometer", "compass", "altimeter", "camera")
 POLL_S = 0.25
 
 
-class Hardware:
+class DeviceLocks:
     """Who may use which device: one at a time. A capture takes all of them, and others let go when one is wanted."""
 
     def __init__(self) -> None:
@@ -63,14 +63,14 @@ class _Device:
     wait_s: float = 0.0
 
 
-class DeviceWatch:
+class DeviceMonitor:
     """Probes each device when it is due: working ones every ``check_every_s``, others after waits that double."""
 
     def __init__(
         self,
         config: RigConfig,
-        board: Board,
-        hardware: Hardware,
+        daemon_state: DaemonState,
+        device_locks: DeviceLocks,
         besides: tuple[str, ...] = (),
         openers: Mapping[str, Opener] | None = None,
         restarts: ServoRestarts | None = None,
@@ -78,16 +78,16 @@ class DeviceWatch:
         """``besides`` are devices that somebody else watches."""
         assert config.run
         self._run = config.run
-        self._board = board
-        self._hardware = hardware
+        self._state = daemon_state
+        self._device_locks = device_locks
         openers = sources_of(config) if openers is None else openers
         self._restarts = restarts or ServoRestarts(lambda: restart_servos(config.pan_tilt))
         self._devices = {name: _Device(opener) for name, opener in openers.items() if name not in besides}
         for name in ALL:
             if name in openers:
-                board.set_device(name, "connecting", "")
+                daemon_state.set_device(name, "connecting", "")
             else:
-                board.set_device(name, "absent", "not in the configuration")
+                daemon_state.set_device(name, "absent", "not in the configuration")
 
     def run(self, beat: Callable[[], None], stop: threading.Event) -> None:
         """Probe until ``stop``."""
@@ -95,7 +95,7 @@ class DeviceWatch:
             beat()
             now_s = time.monotonic()
             for name, device in self._devices.items():
-                if device.due_s <= now_s and not self._hardware.wanted and not stop.is_set():
+                if device.due_s <= now_s and not self._device_locks.wanted and not stop.is_set():
                     self._probe(name, device)
                     beat()
             stop.wait(POLL_S)
@@ -115,7 +115,7 @@ class DeviceWatch:
 
     def _probe(self, name: str, device: _Device) -> None:
         try:
-            with self._hardware.one(name):
+            with self._device_locks.one(name):
                 with device.opener() as source:
                     reading = source.read()
                 warnings = "; ".join(reading.warnings)
@@ -130,13 +130,13 @@ class DeviceWatch:
         device.wait_s = 0.0
         device.due_s = time.monotonic() + self._run.check_every_s
         note_device(
-            self._board, name, None, f"{source.identity}; {warnings}" if warnings else source.identity
+            self._state, name, None, f"{source.identity}; {warnings}" if warnings else source.identity
         )
 
     def _hindered(self, device: _Device, errors: str) -> None:
         restarted = self._restarts.hindered()
         if restarted:
-            self._board.count("servo restarts", len(restarted))
+            self._state.count("servo restarts", len(restarted))
             device.wait_s = 0.0
         elif self._restarts.exhausted:
             errors += "; restarted in vain: remove the cause, then power-cycle the servos"
@@ -145,7 +145,7 @@ class DeviceWatch:
     def _failed(self, name: str, device: _Device, problem: str) -> None:
         device.wait_s = next_wait_s(device.wait_s, self._run.retry_least_s, self._run.retry_most_s)
         device.due_s = time.monotonic() + device.wait_s
-        note_device(self._board, name, problem, "")
+        note_device(self._state, name, problem, "")
 
 
 def next_wait_s(wait_s: float, least_s: float, most_s: float) -> float:
@@ -153,19 +153,19 @@ def next_wait_s(wait_s: float, least_s: float, most_s: float) -> float:
     return min(max(2.0 * wait_s, least_s), most_s)
 
 
-def note_device(board: Board, name: str, problem: str | None, identity: str) -> None:
+def note_device(daemon_state: DaemonState, name: str, problem: str | None, identity: str) -> None:
     """Put a device's state on the board, and into the log where it has changed."""
-    before = {device.name: device for device in board.snapshot().devices}.get(name)
+    before = {device.name: device for device in daemon_state.snapshot().devices}.get(name)
     if problem is not None:
-        board.set_device(name, "failing", problem)
+        daemon_state.set_device(name, "failing", problem)
         if before is None or (before.state, before.detail) != ("failing", problem):
             _log.warning("device fails", device=name, problem=problem)
     else:
-        board.set_device(name, "ok", identity)
+        daemon_state.set_device(name, "ok", identity)
         if before is None or before.state != "ok":
             _log.info("device works", device=name, identity=identity)
 
 
-def all_tried(board: Board) -> bool:
+def all_tried(daemon_state: DaemonState) -> bool:
     """Whether every device has been asked once, and is known to work or not to."""
-    return all(d.state != "connecting" for d in board.snapshot().devices if d.name in ALL)
+    return all(d.state != "connecting" for d in daemon_state.snapshot().devices if d.name in ALL)

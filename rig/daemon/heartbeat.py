@@ -19,7 +19,7 @@ CHECK_EVERY_S = 5.0
 
 @dataclass
 class _Loop:
-    longest_s: float
+    max_interval_s: float
     due_monotonic_s: float
     beat_monotonic_s: float
     thread: int
@@ -28,7 +28,7 @@ class _Loop:
 
 
 @dataclass(frozen=True)
-class Stuck:
+class StalledLoop:
     """A loop that does not get on."""
 
     name: str
@@ -39,26 +39,26 @@ class Stuck:
         return f"{self.name} {self.why}"
 
 
-class Loops:
+class Heartbeats:
     """The loops that have to get on, by name; to be used from any thread."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._loops: dict[str, _Loop] = {}
+        self._heartbeats: dict[str, _Loop] = {}
 
     @contextmanager
-    def watched(self, name: str, longest_s: float) -> Iterator[None]:
-        """Watch this thread's loop while the context lasts; ``longest_s`` from one beat to the next is in order.
+    def watched(self, name: str, max_interval_s: float) -> Iterator[None]:
+        """Watch this thread's loop while the context lasts; ``max_interval_s`` from one beat to the next is in order.
 
         A loop that ends with an ``Exception`` stays on the list as one that does not get on, until it is begun anew; what else
         ends one was asked for.
         """
         now = time.monotonic()
-        loop = _Loop(longest_s, now + longest_s, now, threading.get_ident())
+        loop = _Loop(max_interval_s, now + max_interval_s, now, threading.get_ident())
         with self._lock:
-            if name in self._loops and self._loops[name].failed is None:
+            if name in self._heartbeats and self._heartbeats[name].failed is None:
                 raise ValueError(f"two loops are called {name!r}")
-            self._loops[name] = loop
+            self._heartbeats[name] = loop
         try:
             yield
         except Exception as error:
@@ -67,28 +67,30 @@ class Loops:
         finally:
             with self._lock:
                 if loop.failed is None:
-                    del self._loops[name]
+                    del self._heartbeats[name]
 
     def beat(self, name: str, within_s: float | None = None) -> None:
         """This loop gets on. ``within_s``: the next beat may take so long, once, for a step that takes its time."""
         with self._lock:
-            loop = self._loops[name]
+            loop = self._heartbeats[name]
             loop.beat_monotonic_s = time.monotonic()
-            loop.due_monotonic_s = loop.beat_monotonic_s + (loop.longest_s if within_s is None else within_s)
+            loop.due_monotonic_s = loop.beat_monotonic_s + (
+                loop.max_interval_s if within_s is None else within_s
+            )
             loop.thread = threading.get_ident()
 
-    def stuck(self) -> tuple[Stuck, ...]:
+    def stuck(self) -> tuple[StalledLoop, ...]:
         """The loops that do not get on."""
         with self._lock:
-            named = [(name, dataclasses.replace(loop)) for name, loop in self._loops.items()]
+            named = [(name, dataclasses.replace(loop)) for name, loop in self._heartbeats.items()]
         now = time.monotonic()
         found = []
         for name, loop in named:
             if loop.failed is not None:
-                found.append(Stuck(name, f"ended by {loop.failed}"))
+                found.append(StalledLoop(name, f"ended by {loop.failed}"))
             elif now > loop.due_monotonic_s:
                 silent_s = now - loop.beat_monotonic_s
-                found.append(Stuck(name, f"hangs: nothing for {silent_s:.0f} s, {_where(loop.thread)}"))
+                found.append(StalledLoop(name, f"hangs: nothing for {silent_s:.0f} s, {_where(loop.thread)}"))
         return tuple(found)
 
 
@@ -105,10 +107,10 @@ def _where(thread: int) -> str:
 
 
 @contextmanager
-def watchdog(loops: Loops, notifier: Notifier) -> Iterator[None]:
+def watchdog(heartbeats: Heartbeats, notifier: Notifier) -> Iterator[None]:
     """Kick the manager's watchdog while all loops get on and the context lasts; else say in log and status which hangs."""
     ended = threading.Event()
-    thread = threading.Thread(target=_watch, args=(loops, notifier, ended), name="watchdog", daemon=True)
+    thread = threading.Thread(target=_watch, args=(heartbeats, notifier, ended), name="watchdog", daemon=True)
     thread.start()
     try:
         yield
@@ -117,11 +119,11 @@ def watchdog(loops: Loops, notifier: Notifier) -> Iterator[None]:
         thread.join()
 
 
-def _watch(loops: Loops, notifier: Notifier, ended: threading.Event) -> None:
+def _watch(heartbeats: Heartbeats, notifier: Notifier, ended: threading.Event) -> None:
     every_s = notifier.watchdog_s / 3 if notifier.watchdog_s else CHECK_EVERY_S
     hung: set[str] = set()
     while True:
-        stuck = loops.stuck()
+        stuck = heartbeats.stuck()
         hanging = {each.name for each in stuck}
         for each in stuck:
             if each.name not in hung:

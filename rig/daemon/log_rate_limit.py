@@ -27,17 +27,19 @@ Kind = tuple[str, int, str]
 class _Budget:
     left: float
     at_s: float
-    left_out: int = 0
+    suppressed: int = 0
 
 
-class Seldom(logging.Handler):
+class RateLimitHandler(logging.Handler):
     """Passes records on to other handlers, those of one kind only so often."""
 
-    def __init__(self, *handlers: logging.Handler, tell: Callable[[int], None] = lambda count: None) -> None:
-        """``tell`` hears of every line that is left out."""
+    def __init__(
+        self, *handlers: logging.Handler, on_suppressed: Callable[[int], None] = lambda count: None
+    ) -> None:
+        """``on_suppressed`` hears of every line that is left out."""
         super().__init__()
         self._handlers = handlers
-        self._tell = tell
+        self._on_suppressed = on_suppressed
         self._budgets: dict[Kind, _Budget] = {}
         self._budgets_lock = threading.Lock()
 
@@ -51,12 +53,12 @@ class Seldom(logging.Handler):
         if passed:
             self._pass_on(record)
         else:
-            self._tell(1)
+            self._on_suppressed(1)
 
     def close(self) -> None:
         """Tell what is still to be told."""
         with self._budgets_lock:
-            rest = [(kind, budget.left_out) for kind, budget in self._budgets.items() if budget.left_out]
+            rest = [(kind, budget.suppressed) for kind, budget in self._budgets.items() if budget.suppressed]
             self._budgets.clear()
         for kind, count in rest:
             self._pass_on(_summary(kind, count))
@@ -77,7 +79,7 @@ class Seldom(logging.Handler):
         budget.left = min(first, budget.left + (now_s - budget.at_s) / every_s)
         budget.at_s = now_s
         if budget.left < 1.0:
-            budget.left_out += 1
+            budget.suppressed += 1
             return False
         budget.left -= 1.0
         return True
@@ -86,9 +88,9 @@ class Seldom(logging.Handler):
         """Kinds of which something was left out and another line might be written now."""
         due = []
         for kind, budget in self._budgets.items():
-            if budget.left_out and budget.left + (now_s - budget.at_s) / _rate(kind)[1] >= 1.0:
-                due.append((kind, budget.left_out))
-                budget.left_out = 0
+            if budget.suppressed and budget.left + (now_s - budget.at_s) / _rate(kind)[1] >= 1.0:
+                due.append((kind, budget.suppressed))
+                budget.suppressed = 0
                 budget.left -= 1.0
         return due
 

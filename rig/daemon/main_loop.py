@@ -16,14 +16,14 @@ from rig.config.model import RigConfig
 from rig.config.run import RunSection
 from rig.daemon.captures import Captures
 from rig.daemon.device_monitor import all_tried, obstacle
-from rig.daemon.memory import give_back
+from rig.daemon.memory import release_free_heap
 from rig.daemon.named_files import check_named_files
 from rig.daemon.notify import Notifier
 from rig.daemon.odometry.receiver import Odometer
 from rig.daemon.search.locate_loop import Search, restore
 from rig.daemon.search.process import SearchProcess
 from rig.daemon.spool.store import ODOMETER, Spool, SpoolError
-from rig.daemon.state import Board, Snapshot, TriggerSource
+from rig.daemon.state import DaemonState, Snapshot, TriggerSource
 from rig.daemon.triggers import Triggers
 from rig.errors import ConfigError
 
@@ -35,14 +35,14 @@ ODOMETER_EVERY_S = 5.0
 TRYING_S, COMPILING_S = 30.0, 120.0
 """So long the start waits at most for a device to be tried, and for kernels that have to be compiled."""
 
-Wanted = TriggerSource | Literal["reload"] | BaseException
+MainLoopRequest = TriggerSource | Literal["reload"] | BaseException
 """A capture to take, a configuration to read, an error to end with."""
-Inbox = queue.SimpleQueue[Wanted]
+RequestQueue = queue.SimpleQueue[MainLoopRequest]
 """What the other loops have for the main thread."""
 
 
 @dataclass(frozen=True)
-class Following:
+class NextConfiguration:
     """The next configuration, and a search process that has read its DEM where that is another one."""
 
     config: RigConfig
@@ -87,30 +87,30 @@ class MainLoop:
         self,
         run: RunSection,
         path: Path,
-        board: Board,
+        daemon_state: DaemonState,
         notifier: Notifier,
         triggers: Triggers,
         captures: Captures,
         search: Search,
         spool: Spool,
         odometer: Odometer | None,
-        inbox: Inbox,
+        requests: RequestQueue,
     ) -> None:
         self._run = run
         self._path = path
-        self._board = board
+        self._state = daemon_state
         self._notifier = notifier
         self._triggers = triggers
         self._captures = captures
         self._search = search
         self._spool = spool
         self._odometer = odometer
-        self._inbox = inbox
+        self._requests = requests
         self._odometer_saved = ""
         self._odometer_due_s = 0.0
         self._status = ""
 
-    def run(self, beat: Callable[[], None], started: Callable[[], None]) -> Following:
+    def run(self, beat: Callable[[], None], started: Callable[[], None]) -> NextConfiguration:
         """Take captures as they are asked for. Raises what another loop ended with.
 
         ``started`` is called when the DEM has been read, all devices have been tried, and the kernels for pictures need not be
@@ -118,7 +118,7 @@ class MainLoop:
         Devices keep it waiting for ``TRYING_S``, kernels for ``COMPILING_S`` at most. Raises ``SearchFailedError`` before that
         where the DEM cannot be used.
         """
-        self._board.set_activity("connecting")
+        self._state.set_activity("connecting")
         connecting, begun_s = True, time.monotonic()
         due_s = time.monotonic() if self._run.every_s else None
         while True:
@@ -126,23 +126,23 @@ class MainLoop:
             if connecting and self._search.terrain.done():
                 self._search.terrain.result()
                 waited_s = time.monotonic() - begun_s
-                tried = all_tried(self._board) or waited_s > TRYING_S
+                tried = all_tried(self._state) or waited_s > TRYING_S
                 if tried and (self._search.pictures.done() or waited_s > COMPILING_S):
                     connecting = False
-                    self._board.set_activity("idle")
+                    self._state.set_activity("idle")
                     started()
             self._between_captures()
             if (
                 due_s is not None
                 and not connecting
                 and time.monotonic() >= due_s
-                and obstacle(self._board) is None
+                and obstacle(self._state) is None
             ):
                 assert self._run.every_s
                 self._triggers.trigger("interval")
                 due_s = max(due_s + self._run.every_s, time.monotonic())
             try:
-                wish = self._inbox.get(timeout=POLL_S)
+                wish = self._requests.get(timeout=POLL_S)
             except queue.Empty:
                 continue
             if isinstance(wish, BaseException):
@@ -160,21 +160,21 @@ class MainLoop:
         try:
             self._captures.take(source, beat)
         finally:
-            self._board.set_activity("idle")
+            self._state.set_activity("idle")
             self._triggers.done()
         self._search.wake()
-        give_back()
+        release_free_heap()
 
     def give_up(self) -> None:
         """The daemon ends before a capture that was answered ``started`` has begun."""
-        while (wish := waiting_wish(self._inbox)) is not None:
+        while (wish := pending_request(self._requests)) is not None:
             if wish != "reload" and not isinstance(wish, BaseException):
                 self._captures.interrupted(wish)
 
     def _take_started(self, beat: Callable[[], None]) -> None:
         """A capture that was answered ``started`` while the next configuration was read is still taken, with this one."""
         again = False
-        while (wish := waiting_wish(self._inbox)) is not None:
+        while (wish := pending_request(self._requests)) is not None:
             if isinstance(wish, BaseException):
                 raise wish
             if wish == "reload":
@@ -182,9 +182,9 @@ class MainLoop:
             else:
                 self._capture(wish, beat)
         if again:
-            self._inbox.put("reload")
+            self._requests.put("reload")
 
-    def _reload(self, beat: Callable[[], None]) -> Following | None:
+    def _reload(self, beat: Callable[[], None]) -> NextConfiguration | None:
         """The configuration of the file as it is now; None where it is bad, and the one in force stays."""
         self._notifier.reloading()
         try:
@@ -192,11 +192,11 @@ class MainLoop:
             run = run_of(config, self._path)
             same = _searched(run) == _searched(self._run)
             if same:
-                return Following(config, None)
+                return NextConfiguration(config, None)
             check_named_files(run, self._path)
-            return Following(config, worker_with_terrain(run, beat))
+            return NextConfiguration(config, worker_with_terrain(run, beat))
         except SkyfixError as error:
-            refused(self._board, str(error))
+            refused(self._state, str(error))
             self._notifier.ready(self._status)
             return None
 
@@ -205,10 +205,10 @@ class MainLoop:
             _log.warning("wall clock stepped", by_s=round(clock.step_s(), 1))
             clock.begin_session()
             try:
-                restore(self._board, self._spool)
+                restore(self._state, self._spool)
             except SpoolError as error:
                 _log.error("spool fails", problem=str(error))
-        status = status_line(self._board.snapshot())
+        status = status_line(self._state.snapshot())
         if status != self._status:
             self._status = status
             self._notifier.status(status)
@@ -228,18 +228,18 @@ def keep_odometer(spool: Spool, odometer: Odometer) -> None:
         _log.error("spool fails", problem=str(error))
 
 
-def waiting_wish(inbox: Inbox) -> Wanted | None:
+def pending_request(requests: RequestQueue) -> MainLoopRequest | None:
     """What is in the inbox already; None where there is nothing."""
     try:
-        return inbox.get_nowait()
+        return requests.get_nowait()
     except queue.Empty:
         return None
 
 
-def refused(board: Board, problem: str) -> None:
+def refused(daemon_state: DaemonState, problem: str) -> None:
     """Say that a new configuration is not taken, and why."""
-    board.count("configurations refused")
-    board.tell("status", configuration="refused", reason=problem)
+    daemon_state.count("configurations refused")
+    daemon_state.tell("status", configuration="refused", reason=problem)
     _log.error("configuration refused", problem=problem, kept="the one in force")
 
 

@@ -10,7 +10,7 @@ def _trim() -> Callable[[int], int] | None:
     return getattr(ctypes.CDLL(None), "malloc_trim", None)  # glibc's; other C libraries have none
 
 
-def give_back() -> None:
+def release_free_heap() -> None:
     """Some milliseconds of work: for afterwards, not for in between."""
     trim = _trim()
     if trim is not None:

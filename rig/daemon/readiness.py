@@ -1,24 +1,24 @@
 """Why no capture is possible at this moment, for whoever asks for one and for whoever wants to know why there was none."""
 
-from rig.daemon.state import Board, Snapshot
+from rig.daemon.state import DaemonState, Snapshot
 
 NEEDED = ("head", "inclinometer", "camera")
 """Without these there is no capture. Without a compass the search turns the whole circle, without an altimeter it looks at
 every altitude."""
 
 
-def obstacle(board: Board) -> str | None:
+def obstacle(daemon_state: DaemonState) -> str | None:
     """In a few words, None where a capture is possible: the daemon starts, devices do not work, the spool takes none."""
-    now = board.snapshot()
+    now = daemon_state.snapshot()
     if now.activity in ("starting", "connecting"):
         return "still starting"
     missing = _missing(now)
     return f"{', '.join(missing)} not ready" if missing else now.storage
 
 
-def reason(board: Board) -> str:
+def reason(daemon_state: DaemonState) -> str:
     """The same in full, each device with its fault."""
-    now = board.snapshot()
+    now = daemon_state.snapshot()
     faults = {device.name: device.detail or device.state for device in now.devices}
     if now.activity in ("starting", "connecting"):
         return "still starting: devices are being connected and the DEM read; ask again in a moment"

@@ -16,9 +16,9 @@ from rig.daemon.log import logging_to
 from rig.daemon.main_loop import refused, run_of, status_line
 from rig.daemon.named_files import check_named_files
 from rig.daemon.notify import notifier_of
-from rig.daemon.runtime import Shared, session
+from rig.daemon.runtime import DaemonContext, session
 from rig.daemon.signals import Signals, StopRequestedError
-from rig.daemon.state import Board
+from rig.daemon.state import DaemonState
 
 _log = structlog.get_logger(__name__)
 
@@ -28,27 +28,27 @@ def serve(path: Path, environment: Mapping[str, str] = os.environ) -> None:
     config = load_config(path)
     check_named_files(run_of(config, path), path)
     notifier = notifier_of(environment)
-    board = Board()
-    with logging_to(board, environment), Signals() as signals:
-        shared = Shared(path, board, signals, notifier)
+    daemon_state = DaemonState()
+    with logging_to(daemon_state, environment), Signals() as signals:
+        shared = DaemonContext(path, daemon_state, signals, notifier)
 
         def started(seconds: float) -> None:
-            notifier.ready(status_line(board.snapshot()))
+            notifier.ready(status_line(daemon_state.snapshot()))
             _log.info("ready", seconds=round(seconds, 2), config=str(path))
 
         try:
-            with watchdog(shared.loops, notifier):
+            with watchdog(shared.heartbeats, notifier):
                 _sessions(config, shared, started)
         except StopRequestedError:
             notifier.stopping("ended on request")
-            board.set_activity("stopping")
+            daemon_state.set_activity("stopping")
             _log.info("ended", reason="on request")
         finally:
             if shared.worker:
                 shared.worker.close()
 
 
-def _sessions(config: RigConfig, shared: Shared, tell_started: Callable[[float], None]) -> None:
+def _sessions(config: RigConfig, shared: DaemonContext, tell_started: Callable[[float], None]) -> None:
     """A session after the other. One that cannot start after another has run is refused, and the other one goes on.
 
     ``tell_started`` is told how many seconds a session took until it ran; the first counts from the start of the process.
@@ -72,5 +72,5 @@ def _sessions(config: RigConfig, shared: Shared, tell_started: Callable[[float],
             if runs or in_force is None or config is in_force:
                 raise
             begun_s = time.monotonic()
-            refused(shared.board, str(error))
+            refused(shared.daemon_state, str(error))
             config = in_force

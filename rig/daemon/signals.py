@@ -16,7 +16,7 @@ from typing import Literal, Self
 ENDED_WITHIN_S = 9.0
 """After that the process ends whatever it does; the head was let go first of all."""
 
-Wish = Literal["reload", "trigger"]
+SignalRequest = Literal["reload", "trigger"]
 
 
 class StopRequestedError(BaseException):
@@ -24,10 +24,10 @@ class StopRequestedError(BaseException):
 
 
 class Signals:
-    """Takes the signals while the context lasts. To be used by the main thread, but for ``wishes``."""
+    """Takes the signals while the context lasts. To be used by the main thread, but for ``requests``."""
 
     def __init__(self) -> None:
-        self.wishes: queue.SimpleQueue[Wish] = queue.SimpleQueue()
+        self.requests: queue.SimpleQueue[SignalRequest] = queue.SimpleQueue()
         """What was asked for, in order; its ``put`` may interrupt itself."""
         self.stopping = False
         self._shields = 0
@@ -36,8 +36,8 @@ class Signals:
         handlers = {
             signal.SIGTERM: self._stop,
             signal.SIGINT: self._stop,
-            signal.SIGHUP: lambda number, frame: self.wishes.put("reload"),
-            signal.SIGUSR1: lambda number, frame: self.wishes.put("trigger"),
+            signal.SIGHUP: lambda number, frame: self.requests.put("reload"),
+            signal.SIGUSR1: lambda number, frame: self.requests.put("trigger"),
         }
         self._before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
         return self

@@ -140,7 +140,7 @@ class Subscription:
                     continue
 
 
-class Board:
+class DaemonState:
     """See the module."""
 
     def __init__(self) -> None:

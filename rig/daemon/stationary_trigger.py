@@ -12,8 +12,8 @@ import structlog
 
 from rig.config.model import RigConfig
 from rig.config.run import RestTrigger
-from rig.daemon.device_monitor import Hardware, next_wait_s, note_device
-from rig.daemon.state import Board
+from rig.daemon.device_monitor import DeviceLocks, next_wait_s, note_device
+from rig.daemon.state import DaemonState
 from rig.devices.bus.retry import retry
 from rig.devices.connect import Inclinometer, open_inclinometer
 from rig.devices.readings import AccelerationReading
@@ -29,7 +29,7 @@ SAMPLES_A_SECOND = 8
 """Enough for a standard deviation; more would keep a small computer busy."""
 
 
-class RestDetector:
+class StationaryDetector:
     """Says once when a vehicle that moved has been still for long enough.
 
     At the beginning it counts as having moved: nobody has looked from here yet.
@@ -66,20 +66,22 @@ class RestDetector:
         self._still_since_s = None
 
 
-class RestWatch:
+class StationaryMonitor:
     """Reads the inclinometer between captures, asks for one when the vehicle has come to rest, tells how the chip is."""
 
-    def __init__(self, config: RigConfig, board: Board, hardware: Hardware, ask: Callable[[], bool]) -> None:
+    def __init__(
+        self, config: RigConfig, daemon_state: DaemonState, device_locks: DeviceLocks, ask: Callable[[], bool]
+    ) -> None:
         """``ask`` asks for a capture and says whether it will be taken."""
         assert config.run
         assert config.run.rest
         self._section = config.inclinometer
         self._run = config.run
-        self._board = board
-        self._hardware = hardware
+        self._state = daemon_state
+        self._device_locks = device_locks
         self._ask = ask
         self._rest = config.run.rest
-        self._detector = RestDetector(self._rest)
+        self._detector = StationaryDetector(self._rest)
         self._done_before: int | None = None
         """How many captures had been done when one was asked for; None once it is known what came of it."""
 
@@ -88,40 +90,43 @@ class RestWatch:
         wait_s = 0.0
         while not stop.is_set():
             beat()
-            if self._hardware.wanted:
+            if self._device_locks.wanted:
                 stop.wait(0.2)
                 continue
             self._detector.interrupted()
             stop.wait(SETTLING_S)
             try:
-                with self._hardware.one("inclinometer"), closing(open_inclinometer(self._section)) as chip:
-                    note_device(self._board, "inclinometer", None, chip.identify())
+                with (
+                    self._device_locks.one("inclinometer"),
+                    closing(open_inclinometer(self._section)) as chip,
+                ):
+                    note_device(self._state, "inclinometer", None, chip.identify())
                     wait_s = 0.0
                     self._watch(chip, beat, stop)
             except DeviceError as error:
-                note_device(self._board, "inclinometer", str(error), "")
+                note_device(self._state, "inclinometer", str(error), "")
                 wait_s = next_wait_s(wait_s, self._run.retry_least_s, self._run.retry_most_s)
                 until_s = time.monotonic() + wait_s
                 while time.monotonic() < until_s and not stop.wait(0.5):
                     beat()
 
     def _captures_done(self) -> int:
-        return self._board.snapshot().counts.get("captures done", 0)
+        return self._state.snapshot().counts.get("captures done", 0)
 
     def _watch(self, chip: Inclinometer, beat: Callable[[], None], stop: threading.Event) -> None:
         if self._done_before is not None and self._captures_done() == self._done_before:
             self._detector.failed()
         self._done_before = None
-        while not stop.is_set() and not self._hardware.wanted:
+        while not stop.is_set() and not self._device_locks.wanted:
             beat()
             readings: list[AccelerationReading] = []
             for _ in range(SAMPLES_A_SECOND):
                 readings += retry(partial(chip.read_many, 0.0))
-                if stop.wait(1.0 / SAMPLES_A_SECOND) or self._hardware.wanted:
+                if stop.wait(1.0 / SAMPLES_A_SECOND) or self._device_locks.wanted:
                     return
             noise = noise_mg(readings)
             if noise > self._rest.still_mg:
-                self._board.set_moving()
+                self._state.set_moving()
             if self._detector.take(noise, time.monotonic()):
                 done = self._captures_done()
                 if self._ask():

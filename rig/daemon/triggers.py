@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import structlog
 
-from rig.daemon.state import Board, TriggerAnswer, TriggerSource
+from rig.daemon.state import DaemonState, TriggerAnswer, TriggerSource
 
 _log = structlog.get_logger(__name__)
 
@@ -17,9 +17,12 @@ class Triggers:
     """
 
     def __init__(
-        self, board: Board, obstacle: Callable[[], str | None], start: Callable[[TriggerSource], None]
+        self,
+        daemon_state: DaemonState,
+        obstacle: Callable[[], str | None],
+        start: Callable[[TriggerSource], None],
     ):
-        self._board = board
+        self._state = daemon_state
         self._obstacle = obstacle
         self._start = start
         self._lock = threading.Lock()
@@ -39,9 +42,9 @@ class Triggers:
                 if obstacle
                 else "started"
             )
-            self._board.count("triggers")
-            self._board.count(f"triggers {answer}")
-            self._board.tell("trigger", source=source, answer=answer, why=obstacle)
+            self._state.count("triggers")
+            self._state.count(f"triggers {answer}")
+            self._state.tell("trigger", source=source, answer=answer, why=obstacle)
             _log.info("trigger", source=source, answer=answer, **({"why": obstacle} if obstacle else {}))
             if answer == "started":  # handed over before anybody can call ``stop``
                 self._busy = True

@@ -24,7 +24,7 @@ from rig.devices.sensors.bmp3 import Bmp3
 from rig.devices.sensors.iis2iclx import Iis2iclx
 from rig.devices.sensors.mmc5983ma import Mmc5983ma
 from rig.devices.sensors.ms5611 import Ms5611
-from rig.devices.sensors.reconnecting import Reviving, Sensor
+from rig.devices.sensors.reconnecting import ReconnectingSensor, Sensor
 from rig.devices.sensors.talker import nmea_barometer, nmea_compass, vaisala_pa50
 from rig.errors import DeviceError
 from rig.fault_notes import note_fault
@@ -53,15 +53,15 @@ class Rig:
 def open_inclinometer(section: InclinometerSection) -> Inclinometer:
     """The accelerometer chip, measuring."""
     if section.chip == "adxl355":
-        return Reviving(partial(open_chip, Adxl355, section.bus, section.address))
-    return Reviving(partial(open_chip, Iis2iclx, section.bus, section.address))
+        return ReconnectingSensor(partial(open_chip, Adxl355, section.bus, section.address))
+    return ReconnectingSensor(partial(open_chip, Iis2iclx, section.bus, section.address))
 
 
 def open_compass(section: CompassSection) -> Compass:
     """The magnetometer chip or the talker."""
     if isinstance(section, Mmc5983maSection):
-        return Reviving(partial(open_chip, Mmc5983ma, section.bus, section.address))
-    return Reviving(
+        return ReconnectingSensor(partial(open_chip, Mmc5983ma, section.bus, section.address))
+    return ReconnectingSensor(
         partial(
             nmea_compass,
             section.port,
@@ -76,12 +76,14 @@ def open_altimeter(section: AltimeterSection) -> Altimeter:
     """The barometer chip or the talker."""
     if isinstance(section, I2cAltimeterSection):
         if section.kind == "ms5611" or section.kind == "ms5607":
-            return Reviving(
+            return ReconnectingSensor(
                 partial(open_chip, partial(Ms5611, model=section.kind), section.bus, section.address)
             )
-        return Reviving(partial(open_chip, partial(Bmp3, model=section.kind), section.bus, section.address))
+        return ReconnectingSensor(
+            partial(open_chip, partial(Bmp3, model=section.kind), section.bus, section.address)
+        )
     if section.kind == "nmea":
-        return Reviving(
+        return ReconnectingSensor(
             partial(
                 nmea_barometer,
                 section.port,
@@ -90,7 +92,7 @@ def open_altimeter(section: AltimeterSection) -> Altimeter:
                 transducer=section.transducer,
             )
         )
-    return Reviving(partial(vaisala_pa50, section.port, section.baud))
+    return ReconnectingSensor(partial(vaisala_pa50, section.port, section.baud))
 
 
 def open_pan_tilt(section: PanTiltSection) -> PanTilt:

@@ -73,10 +73,10 @@ def recording(path: Path, config: RigConfig) -> Iterator[None]:
         file.write(json.dumps({"skyfix_log": LOG_VERSION, "utc": utc, "config": settings}) + "\n")
     except OSError as error:
         raise RecordError(f"{path}: {why_not_written(error, 'choose another name')}") from error
-    monitor.listen(write)
+    monitor.subscribe(write)
     try:
         yield
     finally:
-        monitor.ignore(write)
+        monitor.unsubscribe(write)
         with lock, suppress(OSError):  # of a line that could not be written, which was told
             file.close()

@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from rig import clock
 from rig.attitude.kinematics import Attitude, Head, JointAngles, body_rotation, camera_rotation, head_rotation
 from rig.capture.averaged_readings import AltitudeReading
-from rig.capture.base_attitude import Standing
+from rig.capture.base_attitude import BaseEstimate
 from rig.capture.sequence import View
 from rig.config.model import RigConfig
 from rig.devices.camera.driver import TimedFrame
@@ -118,17 +118,17 @@ def _altitude(reading: AltitudeReading) -> Iterator[Message]:
     yield Message("/altitude", schemas.ALTITUDE, time.monotonic(), fields)
 
 
-def _standing(standing: Standing) -> Iterator[Message]:
+def _standing(base_estimate: BaseEstimate) -> Iterator[Message]:
     now_s = time.monotonic()
     fields = {
-        "heading_deg": standing.attitude.azimuth_deg,
-        "heading_sigma_deg": standing.heading.sigma_deg,
-        "pitch_deg": standing.attitude.tilt_deg,
-        "roll_deg": standing.attitude.roll_deg,
-        "residual_deg": standing.level.residual_deg,
+        "heading_deg": base_estimate.attitude.azimuth_deg,
+        "heading_sigma_deg": base_estimate.heading.sigma_deg,
+        "pitch_deg": base_estimate.attitude.tilt_deg,
+        "roll_deg": base_estimate.attitude.roll_deg,
+        "residual_deg": base_estimate.level.residual_deg,
     }
     yield Message("/standing", schemas.STANDING, now_s, fields)
-    yield _transform("/world/vehicle", now_s, "world", "vehicle", body_rotation(standing.attitude))
+    yield _transform("/world/vehicle", now_s, "world", "vehicle", body_rotation(base_estimate.attitude))
 
 
 def _frame(frame: TimedFrame) -> Iterator[Message]:
@@ -173,7 +173,7 @@ _CONVERTERS: dict[type, Callable[[Any], Iterator[Message]]] = {
     HeadingReading: _heading,
     PressureReading: _pressure,
     AltitudeReading: _altitude,
-    Standing: _standing,
+    BaseEstimate: _standing,
     TimedFrame: _frame,
     View: _view,
     Step: _step,

@@ -43,11 +43,11 @@ def recording(path: Path, config: RigConfig) -> Iterator[Path]:
     """
     path, file = _new_file(path)
     recorder = _Recorder(file, path, config)
-    event_bus.listen(recorder.take)
+    event_bus.subscribe(recorder.take)
     try:
         yield path
     finally:
-        event_bus.ignore(recorder.take)
+        event_bus.unsubscribe(recorder.take)
         recorder.end()
 
 

@@ -33,7 +33,7 @@ class Pose:
     down: Array
 
 
-class BoardPictures:
+class CalibrationTargetPictures:
     """Pictures of the board as a person moves it: still for some frames, then elsewhere, all over the picture."""
 
     def __init__(self, optics: CameraOptics, rng: np.random.Generator) -> None:

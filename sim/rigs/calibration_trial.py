@@ -21,7 +21,7 @@ from sim.documents import toml_file
 from sim.errors import SimulationError
 from sim.launch.launcher import SimulatedRig, simulated_rig
 from sim.launch.operator import Done, operate, turn_asked_deg
-from sim.render.calibration_target import BoardPictures
+from sim.render.calibration_target import CalibrationTargetPictures
 from sim.render.panorama import render_panorama
 from sim.render.renderer import Renderer
 from sim.rigs.bundle_error import BundleError, CameraLog, bundle_error
@@ -81,13 +81,13 @@ class _Sight:
     def __init__(self, world: World) -> None:
         self.log = CameraLog()
         self._renderer = Renderer(world, render_panorama(world))
-        self._board = BoardPictures(world.scenario.camera, world.rng("board"))
+        self._target = CalibrationTargetPictures(world.scenario.camera, world.rng("board"))
         self.board_is_up = False
 
     def picture(self, rotation: Rotation, rng: np.random.Generator) -> NDArray[np.uint8]:
         """A picture of ``launcher.Picture``."""
         if self.board_is_up:
-            return self._board.frame()
+            return self._target.frame()
         self.log.note(rotation)
         return self._renderer.frame(rotation, rng)
 

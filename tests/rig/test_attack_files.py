@@ -28,7 +28,7 @@ from localizer.errors import SkyfixError
 from localizer.track.tracker import TrackerError
 from rig.bundle.writer import BundleWriteError, FrameRecord, Measurement, write_bundle
 from rig.calibrate.camera.procedure import views_from_files
-from rig.calibrate.camera.target import parse_board
+from rig.calibrate.camera.target import parse_target
 from rig.calibrate.config_edit import name_in_config
 from rig.calibrate.inclinometer.temperature import read_drift
 from rig.clock import utc_now
@@ -426,7 +426,7 @@ def test_texts_in_a_picture_that_unpack_to_gigabytes_are_not_kept(tmp_path: Path
 
 def test_a_picture_for_a_calibration_is_looked_at_before_it_is_unpacked(tmp_path: Path) -> None:
     (tmp_path / "x.png").write_bytes(png_of(30_000, 30_000))
-    board = parse_board("chessboard:7x5:30")
+    board = parse_target("chessboard:7x5:30")
     with pytest.raises(CalibrationError, match=r"x\.png"):
         views_from_files(board, str(tmp_path / "x.png"), (640, 480))
 

@@ -16,7 +16,7 @@ RIVAL_FACTOR = 1.3
 ROUNDS = 4
 
 
-def search_turn(
+def align_coarsely(
     points: Points, profile: HorizonProfile, start: Attitude, within_deg: float
 ) -> tuple[float, float, float]:
     """Turn, tilt and roll (degrees) by which the skyline fits best, roughly. ``CalibrationError`` where two turns fit alike."""

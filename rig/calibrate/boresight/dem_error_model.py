@@ -27,7 +27,7 @@ In haze a far ridge is now and then traced along a nearer one below it: always t
 
 
 @dataclass(frozen=True)
-class RidgeErrors:
+class DemErrorModel:
     """``whiten`` (n, n) makes independent misfits of unit variance of what is left at n points.
 
     ``dem_factor`` is how much worse the DEM is than told, as what is left has it.
@@ -51,7 +51,9 @@ def covariance_deg2(sigma_deg: Vector, azimuth_deg: Vector, distance_m: Vector) 
     return np.asarray(alike * np.outer(sigma_deg, sigma_deg))
 
 
-def ridge_errors(left_deg: Vector, image_deg: Vector, dem_deg: Vector, alike_deg2: Vector) -> RidgeErrors:
+def fit_dem_error_model(
+    left_deg: Vector, image_deg: Vector, dem_deg: Vector, alike_deg2: Vector
+) -> DemErrorModel:
     """What is left at n points, the sigmas of image and DEM there, and the DEM's covariance (n, n) as told.
 
     The DEM's factor is the likeliest one; points far off have their image distrusted.
@@ -63,7 +65,7 @@ def ridge_errors(left_deg: Vector, image_deg: Vector, dem_deg: Vector, alike_deg
     roots = [np.linalg.cholesky(alike_deg2 * factor**2 + of_image) for factor in FACTORS]
     best = int(np.argmax([_log_likelihood(root, left_deg) for root in roots]))
     whiten = solve_triangular(roots[best], np.eye(len(left_deg)), lower=True)
-    return RidgeErrors(np.asarray(whiten), float(FACTORS[best]))
+    return DemErrorModel(np.asarray(whiten), float(FACTORS[best]))
 
 
 def _log_likelihood(root: Vector, left_deg: Vector) -> float:

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.attitude.kinematics import Attitude, wrapped_deg
-from rig.calibrate.boresight.coarse_alignment import search_turn
-from rig.calibrate.boresight.dem_error_model import covariance_deg2, ridge_errors
+from rig.calibrate.boresight.coarse_alignment import align_coarsely
+from rig.calibrate.boresight.dem_error_model import covariance_deg2, fit_dem_error_model
 from rig.calibrate.boresight.horizon_profile import HorizonProfile
 from rig.calibrate.boresight.known_place import PlaceSigmas
 from rig.calibrate.boresight.skyline_frame import Points, SkylineFrame
@@ -69,7 +69,7 @@ def fit_boresight(
     """Fit. ``CalibrationError`` where the skyline is hidden, or is not the one that the DEM has there."""
     _require_skyline(frames)
     search_deg = min(max(4.0 * heading_sigma_deg, 40.0), 180.0)
-    shift_deg, tilt_deg, roll_deg = search_turn(Points(frames), profile, start, search_deg)
+    shift_deg, tilt_deg, roll_deg = align_coarsely(Points(frames), profile, start, search_deg)
     frames = _where_the_dem_knows(frames, profile, start, shift_deg)
     points = Points(frames)
     stops = max(frame.stop for frame in frames) + 1
@@ -164,7 +164,7 @@ def _together(
     for _ in range(ROUNDS):
         at = left(unknowns)
         alike = covariance_deg2(at.dem_deg, at.azimuth_deg, profile.distance(at.azimuth_deg))
-        errors = ridge_errors(at.left_deg, image_deg, at.dem_deg, alike)
+        errors = fit_dem_error_model(at.left_deg, image_deg, at.dem_deg, alike)
         whiten = errors.whiten
 
         def misfit(unknowns: Vector, whiten: Vector = whiten) -> Vector:

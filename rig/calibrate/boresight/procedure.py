@@ -12,10 +12,10 @@ from rig.attitude.kinematics import Attitude, wrapped_deg
 from rig.calibrate.boresight.fit import BoresightFit, fit_boresight
 from rig.calibrate.boresight.horizon_profile import STEP_DEG, HorizonProfile, horizon_profile
 from rig.calibrate.boresight.known_place import KnownPlace, PlaceSigmas
-from rig.calibrate.boresight.skyline_survey import head_attitude, look_round, require_unmoved
+from rig.calibrate.boresight.skyline_survey import head_attitude, require_unmoved, survey_skyline
 from rig.calibrate.figures import new_figure
-from rig.calibrate.run import Session
-from rig.capture.base_attitude import measure_standing, standing_from
+from rig.calibrate.run import CalibrationRun
+from rig.capture.base_attitude import estimate_base, measure_base
 from rig.config.calibration_files import BoresightCalibration, Matrix
 from rig.config.directions import parse_direction
 from rig.config.model import RigConfig
@@ -39,17 +39,17 @@ class Offset:
     holds: bool
 
 
-def calibrate_boresight(session: Session, place: KnownPlace, sigmas: PlaceSigmas, directions: int) -> None:
+def calibrate_boresight(run: CalibrationRun, place: KnownPlace, sigmas: PlaceSigmas, directions: int) -> None:
     """Guide, measure, fit and write. ``CalibrationError`` with the reason where the result is not to be trusted."""
-    session.guide.ready("Park exactly at the known place, with a clear view of the ridges all round.")
-    fit, profile, device = measure_boresight(session.config, place, sigmas, directions, session.guide.say)
-    found, compass = fit.boresight, session.config.compass
+    run.guide.ready("Park exactly at the known place, with a clear view of the ridges all round.")
+    fit, profile, device = measure_boresight(run.config, place, sigmas, directions, run.guide.say)
+    found, compass = fit.boresight, run.config.compass
     # What was corrected already stays corrected.
     heading_offset_deg = (
         wrapped_deg(compass.heading_offset_deg + fit.heading_offset_deg) if compass is not None else None
     )
     document = BoresightCalibration(
-        **session.header("boresight", device),
+        **run.header("boresight", device),
         azimuth_deg=found.azimuth_deg,
         tilt_deg=found.tilt_deg,
         roll_deg=found.roll_deg,
@@ -76,7 +76,7 @@ def calibrate_boresight(session: Session, place: KnownPlace, sigmas: PlaceSigmas
         ("misfit, deg", f"{fit.misfit_deg:.3f}", f"{len(fit.residual_deg)} points"),
         ("DEM's ridges, m", "", f"{sigmas.dem_m * fit.dem_factor:.1f} as the skyline has it"),
     ]
-    session.finish(document, rows, draw(fit, profile))
+    run.finish(document, rows, draw(fit, profile))
 
 
 def measure_boresight(
@@ -90,13 +90,15 @@ def measure_boresight(
     profile = horizon_profile(place, place.ground_m + config.rig.mast_height_m)
     around = [parse_direction(str(i * 360.0 / directions)) for i in range(directions)]
     with connect(config) as rig:
-        standing = measure_standing(rig)
-        say(f"vehicle: heading {standing.attitude.azimuth_deg:.1f} +- {standing.heading.sigma_deg:.1f} deg")
-        frames, views = look_round(rig, standing, around, say)
-        after = measure_standing(rig)
+        base_estimate = measure_base(rig)
+        say(
+            f"vehicle: heading {base_estimate.attitude.azimuth_deg:.1f} +- {base_estimate.heading.sigma_deg:.1f} deg"
+        )
+        frames, views = survey_skyline(rig, base_estimate, around, say)
+        after = measure_base(rig)
         device = rig.camera.identify()
-    require_unmoved(standing, after)
-    whole = standing_from(config, [*standing.stops, *after.stops], standing.raw["compass"], views)
+    require_unmoved(base_estimate, after)
+    whole = estimate_base(config, [*base_estimate.stops, *after.stops], base_estimate.raw["compass"], views)
     frames = [
         replace(frame, head=head_attitude(whole, view)) for frame, view in zip(frames, views, strict=True)
     ]

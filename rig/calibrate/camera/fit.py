@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.calibrate.camera.target import View
+from rig.calibrate.camera.target import TargetView
 from rig.config.calibration_files import CalibrationError
 
 Vector = NDArray[np.float64]
@@ -41,7 +41,7 @@ class CameraFit:
     residuals_px: Vector
 
 
-def coverage_grid(views: Sequence[View], size_px: tuple[int, int]) -> NDArray[np.int64]:
+def coverage_grid(views: Sequence[TargetView], size_px: tuple[int, int]) -> NDArray[np.int64]:
     """How many corners were seen in each cell of the picture (rows, columns)."""
     counts = np.zeros((GRID[1], GRID[0]), np.int64)
     for view in views:
@@ -50,12 +50,12 @@ def coverage_grid(views: Sequence[View], size_px: tuple[int, int]) -> NDArray[np
     return counts
 
 
-def coverage(views: Sequence[View], size_px: tuple[int, int]) -> float:
+def coverage(views: Sequence[TargetView], size_px: tuple[int, int]) -> float:
     """Share of the picture's cells in which a corner was seen."""
     return float(np.mean(coverage_grid(views, size_px) > 0))
 
 
-def fit_camera(views: Sequence[View], size_px: tuple[int, int]) -> CameraFit:
+def fit_camera(views: Sequence[TargetView], size_px: tuple[int, int]) -> CameraFit:
     """Fit. ``CalibrationError`` where the views are too few, leave parts of the picture out, or fit no real lens."""
     _require_views(views, size_px)
     used = list(views)
@@ -93,9 +93,9 @@ class _Solved:
     residuals_px: Vector
 
 
-def _calibrate(views: Sequence[View], size_px: tuple[int, int], fixed_k3: bool) -> _Solved:
+def _calibrate(views: Sequence[TargetView], size_px: tuple[int, int], fixed_k3: bool) -> _Solved:
     flags = cv2.CALIB_FIX_K3 if fixed_k3 else 0
-    boards = [view.board_mm.astype(np.float32) for view in views]
+    boards = [view.target_mm.astype(np.float32) for view in views]
     images = [view.image_px.astype(np.float32) for view in views]
     guess, none = np.eye(3), np.zeros(5)
     try:
@@ -121,7 +121,7 @@ def _calibrate(views: Sequence[View], size_px: tuple[int, int], fixed_k3: bool) 
     )
 
 
-def _require_views(views: Sequence[View], size_px: tuple[int, int]) -> None:
+def _require_views(views: Sequence[TargetView], size_px: tuple[int, int]) -> None:
     if len(views) < LEAST_VIEWS:
         raise CalibrationError(
             f"camera: the board was found in {len(views)} pictures only; take {LEAST_VIEWS} or more, "

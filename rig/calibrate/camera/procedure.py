@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from rig.calibrate.camera.fit import LEAST_COVERAGE, NAMES, CameraFit, coverage, coverage_grid, fit_camera
-from rig.calibrate.camera.target import Board, View
+from rig.calibrate.camera.target import CalibrationTarget, TargetView
 from rig.calibrate.figures import new_figure
 from rig.calibrate.guide import Guide
-from rig.calibrate.run import Session
+from rig.calibrate.run import CalibrationRun
 from rig.config.calibration_files import CalibrationError, CameraCalibration
 from rig.devices.camera.driver import Camera
 
@@ -25,25 +25,27 @@ NEW_SHARE = 0.05  # of the width, by which corners have to have moved since any 
 PATIENCE_S = 60.0
 
 
-def calibrate_camera(session: Session, board: Board, images: str | None, views_wanted: int) -> None:
+def calibrate_camera(
+    run: CalibrationRun, board: CalibrationTarget, images: str | None, views_wanted: int
+) -> None:
     """Guide, collect, fit and write. ``CalibrationError`` with the reason where the result is not to be trusted."""
-    section = session.config.camera
+    section = run.config.camera
     size_px = (section.width_px, section.height_px)
     if images is not None:
         views, device = views_from_files(board, images, size_px), images
     else:
-        session.guide.ready(
+        run.guide.ready(
             f"Hold the board {board.text} before the camera, then move it: near and far, to all edges and corners, tilted by "
             "30 deg and more to all sides, and keep it still for a moment each time."
         )
         with Camera(section) as camera:
             camera.wait_open()
             device = camera.identify()
-            views = views_from_camera(camera, board, size_px, views_wanted, session.guide)
+            views = views_from_camera(camera, board, size_px, views_wanted, run.guide)
     fit = fit_camera(views, size_px)
     value = fit.values
     document = CameraCalibration(
-        **session.header("camera", device),
+        **run.header("camera", device),
         width_px=section.width_px,
         height_px=section.height_px,
         fx_px=value["fx_px"],
@@ -66,10 +68,10 @@ def calibrate_camera(session: Session, board: Board, images: str | None, views_w
         ("residual rms, px", f"{fit.rms_px:.3f}", f"{len(fit.corners_px)} corners in {fit.views} views")
     )
     rows.append(("coverage", f"{fit.coverage:.0%}", f"left out: {len(fit.dropped)} views"))
-    session.finish(document, rows, draw(fit, size_px))
+    run.finish(document, rows, draw(fit, size_px))
 
 
-def views_from_files(board: Board, pattern: str, size_px: tuple[int, int]) -> list[View]:
+def views_from_files(board: CalibrationTarget, pattern: str, size_px: tuple[int, int]) -> list[TargetView]:
     """The views in the pictures that a pattern names. ``CalibrationError`` where there are none, or of another size."""
     paths = sorted(glob.glob(pattern, recursive=True))  # noqa: PTH207 - a pattern may be absolute
     if not paths:
@@ -106,14 +108,14 @@ def _size_px(path: str) -> tuple[int, int]:
 
 
 def views_from_camera(
-    camera: Camera, board: Board, size_px: tuple[int, int], wanted: int, guide: Guide
-) -> list[View]:
+    camera: Camera, board: CalibrationTarget, size_px: tuple[int, int], wanted: int, guide: Guide
+) -> list[TargetView]:
     """Take a view whenever the board is held still somewhere new, until there are enough of them all over the picture.
 
     Ends too when nothing new was shown for a minute; the fit then says what is missing.
     """
-    views: list[View] = []
-    before: View | None = None
+    views: list[TargetView] = []
+    before: TargetView | None = None
     newest_s = time.monotonic()
     while time.monotonic() - newest_s < PATIENCE_S:
         frame = camera.frame_after(time.monotonic())
@@ -128,19 +130,19 @@ def views_from_camera(
     return views
 
 
-def is_still(view: View, before: View) -> bool:
+def is_still(view: TargetView, before: TargetView) -> bool:
     """Whether the board was where it was in the frame before."""
     moved = _moved_px(view, before)
     return moved is not None and moved < STILL_PX
 
 
-def is_new(view: View, others: Sequence[View], width_px: int) -> bool:
+def is_new(view: TargetView, others: Sequence[TargetView], width_px: int) -> bool:
     """Whether the board is somewhere else than in all other views."""
     moves = [_moved_px(view, other) for other in others]
     return all(moved is None or moved > NEW_SHARE * width_px for moved in moves)
 
 
-def progress(views: Sequence[View], size_px: tuple[int, int], wanted: int) -> str:
+def progress(views: Sequence[TargetView], size_px: tuple[int, int], wanted: int) -> str:
     """Where in the picture the board has been, as lines of characters: more corners, a fuller block."""
     counts = coverage_grid(views, size_px)
     blocks = np.array(list("·░▒▓█"))
@@ -173,7 +175,7 @@ def draw(fit: CameraFit, size_px: tuple[int, int]) -> Figure:
     return figure
 
 
-def _moved_px(view: View, other: View) -> float | None:
+def _moved_px(view: TargetView, other: TargetView) -> float | None:
     """Mean way of the corners that both show; None where these are few."""
     common: NDArray[np.int64]
     common, mine, theirs = np.intersect1d(view.ids, other.ids, return_indices=True)

@@ -20,24 +20,24 @@ _USAGE = "give charuco:COLUMNSxROWS:SQUARE_MM:MARKER_MM or chessboard:COLUMNSxRO
 
 
 @dataclass(frozen=True)
-class View:
+class TargetView:
     """Corners of the board in one picture: number, place on the board (n, 3) in mm, place in the picture (n, 2) in px."""
 
     name: str
     ids: NDArray[np.int64]
-    board_mm: Vector
+    target_mm: Vector
     image_px: Vector
 
 
 @dataclass(frozen=True)
-class Board:
+class CalibrationTarget:
     """A board, and what finds it in a picture (None where it is not seen)."""
 
     text: str
-    find: Callable[[str, Image], View | None]
+    find: Callable[[str, Image], TargetView | None]
 
 
-def parse_board(text: str) -> Board:
+def parse_target(text: str) -> CalibrationTarget:
     """A board from its description. ``ValueError``, one sentence, where it is none."""
     kind, *numbers = text.split(":")
     try:
@@ -48,9 +48,9 @@ def parse_board(text: str) -> Board:
     if min(columns, rows) < 3 or any(size <= 0.0 for size in sizes_mm):
         raise ValueError(f"{text!r} is too small a board; {_USAGE}")
     if kind == "charuco" and len(sizes_mm) == 2 and sizes_mm[1] < sizes_mm[0]:
-        return Board(text, _charuco_finder(charuco_board(columns, rows, *sizes_mm)))
+        return CalibrationTarget(text, _charuco_finder(charuco_board(columns, rows, *sizes_mm)))
     if kind == "chessboard" and len(sizes_mm) == 1:
-        return Board(text, _chessboard_finder(columns, rows, sizes_mm[0]))
+        return CalibrationTarget(text, _chessboard_finder(columns, rows, sizes_mm[0]))
     raise ValueError(f"{text!r} is no board; {_USAGE}")
 
 
@@ -60,7 +60,7 @@ def charuco_board(columns: int, rows: int, square_mm: float, marker_mm: float) -
     return cv2.aruco.CharucoBoard((columns, rows), square_mm, marker_mm, dictionary)
 
 
-def print_board(text: str, path: Path) -> None:
+def print_target(text: str, path: Path) -> None:
     """Draw a ChArUco board to be printed at its true size. ``CalibrationError`` where the file cannot be written."""
     kind, *numbers = text.split(":")
     if kind != "charuco":
@@ -75,29 +75,31 @@ def print_board(text: str, path: Path) -> None:
         raise CalibrationError(f"{path}: cannot be written; choose another --out, ending in .png")
 
 
-def _charuco_finder(board: cv2.aruco.CharucoBoard) -> Callable[[str, Image], View | None]:
+def _charuco_finder(board: cv2.aruco.CharucoBoard) -> Callable[[str, Image], TargetView | None]:
     detector = cv2.aruco.CharucoDetector(board)
     all_mm = np.asarray(board.getChessboardCorners(), float)
 
-    def find(name: str, image: Image) -> View | None:
+    def find(name: str, image: Image) -> TargetView | None:
         corners, ids, _, _ = detector.detectBoard(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))
         if ids is None or len(ids) < LEAST_CORNERS:
             return None
         numbers = np.asarray(ids, np.int64).ravel()
-        return View(name, numbers, all_mm[numbers], np.asarray(corners, float).reshape(-1, 2))
+        return TargetView(name, numbers, all_mm[numbers], np.asarray(corners, float).reshape(-1, 2))
 
     return find
 
 
-def _chessboard_finder(columns: int, rows: int, square_mm: float) -> Callable[[str, Image], View | None]:
+def _chessboard_finder(
+    columns: int, rows: int, square_mm: float
+) -> Callable[[str, Image], TargetView | None]:
     grid = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).reshape(-1, 2) * square_mm
     all_mm = np.column_stack([grid, np.zeros(len(grid))])
 
-    def find(name: str, image: Image) -> View | None:
+    def find(name: str, image: Image) -> TargetView | None:
         gray = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
         found, corners = cv2.findChessboardCornersSB(gray, (columns, rows), flags=cv2.CALIB_CB_ACCURACY)
         if not found:
             return None
-        return View(name, np.arange(len(grid)), all_mm, np.asarray(corners, float).reshape(-1, 2))
+        return TargetView(name, np.arange(len(grid)), all_mm, np.asarray(corners, float).reshape(-1, 2))
 
     return find

@@ -15,7 +15,7 @@ from rig.calibrate.compass.fit import CompassFit, fit_compass
 from rig.calibrate.compass.model import EarthField, VehicleStop
 from rig.calibrate.compass.torque import TorqueField, read_held_and_free, torque_field
 from rig.calibrate.figures import new_figure
-from rig.calibrate.run import Session
+from rig.calibrate.run import CalibrationRun
 from rig.capture.base_attitude import Stop, read_stop
 from rig.config.calibration_files import CalibrationError, CompassCalibration
 from rig.config.model import RigConfig
@@ -29,9 +29,9 @@ FROM_LIMIT_DEG = 4.0
 TORQUE_LIMIT_DEG = 3.0
 
 
-def calibrate_compass(session: Session, headings: int, angles: int) -> None:
+def calibrate_compass(run: CalibrationRun, headings: int, angles: int) -> None:
     """Guide, measure, fit and write. ``CalibrationError`` with the reason where the result is not to be trusted."""
-    config, guide = session.config, session.guide
+    config, guide = run.config, run.guide
     section, model = _section(config), _model(config)
     guide.ready(
         "Drive to open ground, 20 m from vehicles, fences and power lines; keep iron and phones away from the mast."
@@ -66,7 +66,7 @@ def calibrate_compass(session: Session, headings: int, angles: int) -> None:
     sigma_deg = float(np.hypot(fit.heading_sigma_deg, torque.varying_deg))
     iron, field = fit.iron, fit.field
     document = CompassCalibration(
-        **session.header("compass", device),
+        **run.header("compass", device),
         compass=section.kind,
         axes=section.axes,
         hard_iron_ut=iron.stage_hard_ut,
@@ -113,7 +113,7 @@ def calibrate_compass(session: Session, headings: int, angles: int) -> None:
         ("heading, deg", "", f"{sigma_deg:.2f}"),
         ("residual rms, uT", f"{fit.rms_ut:.3f}", f"{headings} headings x {angles} pan angles"),
     ]
-    session.finish(document, rows, draw(fit, vehicle_stops, sigma_deg))
+    run.finish(document, rows, draw(fit, vehicle_stops, sigma_deg))
 
 
 def vehicle_stop(config: RigConfig, section: Mmc5983maSection, stops: Sequence[Stop]) -> VehicleStop:

@@ -12,7 +12,7 @@ from rig.attitude.level import HeadLevel
 from rig.calibrate.figures import new_figure
 from rig.calibrate.inclinometer.fit import InclinometerFit, TiltReading, fit_inclinometer
 from rig.calibrate.inclinometer.temperature import read_drift
-from rig.calibrate.run import Session
+from rig.calibrate.run import CalibrationRun
 from rig.capture.averaged_readings import still_level
 from rig.config.calibration_files import CalibrationError, InclinometerCalibration
 from rig.config.sections import PanTiltSection
@@ -23,9 +23,9 @@ FROM_LIMIT_DEG = 4.0
 MOVED_LIMIT_DEG = 0.03
 
 
-def calibrate_inclinometer(session: Session, angles: int, temperature_log: Path | None) -> None:
+def calibrate_inclinometer(run: CalibrationRun, angles: int, temperature_log: Path | None) -> None:
     """Guide, measure, fit and write. ``CalibrationError`` with the reason where the result is not to be trusted."""
-    config, guide = session.config, session.guide
+    config, guide = run.config, run.guide
     drift_mg_c: Triple = config.inclinometer.drift_mg_c
     if temperature_log is not None:
         drift = read_drift(temperature_log)
@@ -42,7 +42,7 @@ def calibrate_inclinometer(session: Session, angles: int, temperature_log: Path 
     fit = fit_inclinometer(readings, config.pan_tilt.azimuth_sigma_deg, drift_mg_c)
     correction = fit.correction
     document = InclinometerCalibration(
-        **session.header("inclinometer", device),
+        **run.header("inclinometer", device),
         chip=config.inclinometer.chip,
         axes=config.inclinometer.axes,
         zero_mg=correction.zero_mg,
@@ -70,7 +70,7 @@ def calibrate_inclinometer(session: Session, angles: int, temperature_log: Path 
         ("vehicle: pitch, roll, deg", f"{fit.base_pitch_deg:.3f}, {fit.base_roll_deg:.3f}", ""),
         ("residual rms, deg", f"{fit.rms_deg:.4f}", f"{len(readings)} readings"),
     ]
-    session.finish(document, rows, draw(fit))
+    run.finish(document, rows, draw(fit))
 
 
 def measure(rig: Rig, angles: int, say: Callable[[str], None]) -> list[TiltReading]:

@@ -37,7 +37,7 @@ LONGEST_WAIT_S = 15.0
 """With all that came before it."""
 GONE_POLL_S = 0.25
 FORGIVEN_S = 60.0
-TOLD_EVERY_S = 60.0
+LOG_EVERY_S = 60.0
 
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
@@ -51,7 +51,7 @@ HEADERS = {
 }
 
 
-class Guard:
+class HostCheck:
     """Lets requests in that name this machine, and puts the security headers on all answers."""
 
     def __init__(self, app: ASGIApp, names: Iterable[str]) -> None:
@@ -125,7 +125,7 @@ Check = Callable[[Request, HTTPAuthorizationCredentials | None], Awaitable[None]
 _bearer = HTTPBearer(auto_error=False, description="The content of [run.http] token_file.")
 
 
-class _Guesses:
+class _WrongTokens:
     """Wrong tokens: each is answered later than the one before, one after the other, and now and then a line tells of them."""
 
     def __init__(self) -> None:
@@ -139,7 +139,7 @@ class _Guesses:
         if now_s - self._last_s > FORGIVEN_S:
             self._lately = 0
         self._lately, self._last_s, self._untold = self._lately + 1, now_s, self._untold + 1
-        if now_s - self._told_s > TOLD_EVERY_S:
+        if now_s - self._told_s > LOG_EVERY_S:
             address = request.client.host if request.client else "an unknown address"
             _log.warning("wrong token over HTTP from %s; %d since the last such line", address, self._untold)
             self._told_s, self._untold = now_s, 0
@@ -155,7 +155,7 @@ def token_check(token: str | None, count: Callable[[str], None] = lambda what: N
 
     A wrong one is answered late, the right one never: who guesses keeps nobody out. ``count`` hears of it.
     """
-    guesses = _Guesses()
+    guesses = _WrongTokens()
 
     async def check(
         request: Request, shown: Annotated[HTTPAuthorizationCredentials | None, Security(_bearer)]

@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager
 
-from rig.daemon.state import Board, Event
+from rig.daemon.state import DaemonState, Event
 
 MOST_STREAMS = 16
 KEPT = 200
@@ -20,11 +20,11 @@ class TooManyStreamsError(Exception):
     """No further stream is served for now."""
 
 
-class Relay:
+class EventStreams:
     """One subscription for all streams. A stream that does not keep up is ended: its reader has to ask anew anyway."""
 
-    def __init__(self, board: Board) -> None:
-        self._board = board
+    def __init__(self, daemon_state: DaemonState) -> None:
+        self._state = daemon_state
         self._recent: deque[Event] = deque(maxlen=KEPT)
         self._streams: set[Stream] = set()
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -82,7 +82,7 @@ class Relay:
 
     def _relay(self) -> None:
         assert self._loop is not None
-        with self._board.subscribed() as subscription:
+        with self._state.subscribed() as subscription:
             while not self._ended.is_set():
                 event = subscription.get(POLL_S)
                 if event is not None:

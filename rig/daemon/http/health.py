@@ -3,19 +3,19 @@
 from fastapi import FastAPI
 from starlette.responses import JSONResponse
 
-from rig.daemon.heartbeat import Loops
+from rig.daemon.heartbeat import Heartbeats
 from rig.daemon.readiness import obstacle
-from rig.daemon.state import Board
+from rig.daemon.state import DaemonState
 from rig.version import package_version
 
 
-def add_health(app: FastAPI, board: Board, loops: Loops | None) -> None:
+def add_health(app: FastAPI, daemon_state: DaemonState, heartbeats: Heartbeats | None) -> None:
     """200 while all of the daemon's loops get on, 503 where one does not. Not to be ready is no reason for a restart."""
 
     @app.get("/healthz", include_in_schema=False)
     async def healthz() -> JSONResponse:
-        stuck = [str(each) for each in loops.stuck()] if loops else []
-        hindrance = obstacle(board)
+        stuck = [str(each) for each in heartbeats.stuck()] if heartbeats else []
+        hindrance = obstacle(daemon_state)
         told = {
             "alive": not stuck,
             "ready": not stuck and hindrance is None,

@@ -12,7 +12,7 @@ ASKED_WITHIN_S = 30.0
 """Whoever has not put a whole question for so long, at most twice as long, is cut off. A stream is an answer that goes on."""
 
 
-class PatientProtocol(H11Protocol):
+class IdleTimeoutProtocol(H11Protocol):
     """HTTP/1.1 as uvicorn speaks it, with an end to waiting for a question."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
@@ -21,12 +21,12 @@ class PatientProtocol(H11Protocol):
         self._since_s = self.loop.time()
         self._wait(None)
         there = [
-            p for p in self.connections if isinstance(p, PatientProtocol) and not p.transport.is_closing()
+            p for p in self.connections if isinstance(p, IdleTimeoutProtocol) and not p.transport.is_closing()
         ]
         if len(there) > MOST_WAITING:
             min(there, key=lambda each: each._claim(self)).transport.abort()
 
-    def _claim(self, newest: "PatientProtocol") -> tuple[int, float]:
+    def _claim(self, newest: "IdleTimeoutProtocol") -> tuple[int, float]:
         """Who has the least claim to stay, and of these the oldest, goes first: a question is put and answered in a moment."""
         if self is newest:
             claim = 4

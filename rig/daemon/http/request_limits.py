@@ -20,7 +20,7 @@ class _TooLargeError(Exception):
     """More comes than is taken."""
 
 
-class Intake:
+class RequestLimits:
     """Reads a body before the application runs: 413 for one that is too large, 408 for one that does not end."""
 
     def __init__(self, app: ASGIApp) -> None:

@@ -11,15 +11,15 @@ import uvicorn
 
 from localizer.dem.choice import DemChoice
 from rig.config.run import HttpServer
-from rig.daemon.heartbeat import Loops
+from rig.daemon.heartbeat import Heartbeats
 from rig.daemon.http.access_control import read_token
 from rig.daemon.http.app import make_app
 from rig.daemon.http.bundles import BundleStore
-from rig.daemon.http.event_streams import Relay
-from rig.daemon.http.idle_timeout import PatientProtocol
+from rig.daemon.http.event_streams import EventStreams
+from rig.daemon.http.idle_timeout import IdleTimeoutProtocol
 from rig.daemon.http.map import ReliefMap
 from rig.daemon.sockets import why_not_listening
-from rig.daemon.state import Actions, Board
+from rig.daemon.state import Actions, DaemonState
 from rig.errors import RigError
 
 _log = logging.getLogger(__name__)
@@ -39,24 +39,24 @@ class HttpError(RigError):
 @contextmanager
 def serving(
     section: HttpServer,
-    board: Board,
+    daemon_state: DaemonState,
     actions: Actions,
     spool: BundleStore,
     dem: DemChoice | Sequence[Path],
-    loops: Loops | None = None,
+    heartbeats: Heartbeats | None = None,
 ) -> Iterator[str]:
-    """Serve while the context lasts, and yield the URL; with port 0 the system chooses one. ``loops`` get its beat.
+    """Serve while the context lasts, and yield the URL; with port 0 the system chooses one. ``heartbeats`` get its beat.
 
     Raises ``ConfigError`` for a token that cannot be used, ``HttpError`` where the address is taken or not this machine's.
     """
     token = read_token(section.token_file) if section.token_file else None
     listening = _listen(section.listen)
-    relay, relief = Relay(board), ReliefMap(dem)
-    app = make_app(section, board, actions, spool, relay, relief, token, loops)
+    event_streams, relief = EventStreams(daemon_state), ReliefMap(dem)
+    app = make_app(section, daemon_state, actions, spool, event_streams, relief, token, heartbeats)
     server = uvicorn.Server(
         uvicorn.Config(
             app,
-            http=PatientProtocol,
+            http=IdleTimeoutProtocol,
             ws="none",
             loop="asyncio",
             lifespan="on",
@@ -74,7 +74,7 @@ def serving(
     try:
         yield _url(listening)
     finally:
-        relay.end()
+        event_streams.end()
         relief.end()
         server.should_exit = True
         thread.join(STOP_S)

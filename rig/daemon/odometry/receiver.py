@@ -35,7 +35,7 @@ STANDING_M_S = 0.3
 LARGEST_DATAGRAM = 4096
 
 
-class Way(BaseModel):
+class OdometryState(BaseModel):
     """The way since the last capture; JSON both ways, so that a restart goes on with it.
 
     ``step_m`` (east, north); ``random_m2`` the variance in each direction of what is independent along the way;
@@ -73,13 +73,15 @@ class Odometer:
         """
         self._section = section
         self._lock = threading.Lock()
-        self._way = _way_after_restart(state, at_s) or Way(boot=boot_id(), began_s=at_s, unknown=True)
-        self._before: Way | None = None
+        self._odometry_state = _way_after_restart(state, at_s) or OdometryState(
+            boot=boot_id(), began_s=at_s, unknown=True
+        )
+        self._before: OdometryState | None = None
 
     def to_json(self) -> str:
         """For a restart."""
         with self._lock:
-            return self._way.model_dump_json()
+            return self._odometry_state.model_dump_json()
 
     def velocity(self, velocity: Velocity, at_s: float) -> None:
         """The vehicle moves so at this moment."""
@@ -87,57 +89,65 @@ class Odometer:
             course = math.radians(velocity.course_deg or 0.0)
             now = velocity.speed_m_s * math.sin(course), velocity.speed_m_s * math.cos(course)
             without_course = velocity.course_deg is None
-            if self._way.speed_m_s is None:  # before the first one there was a silence, too
-                self._way.speed_m_s, self._way.heard_s = now, self._way.began_s
-            self._add(now, at_s, without_course or self._way.without_course)
-            self._way.speed_m_s, self._way.heard_s, self._way.fed = now, at_s, True
-            self._way.without_course = without_course
+            if self._odometry_state.speed_m_s is None:  # before the first one there was a silence, too
+                self._odometry_state.speed_m_s, self._odometry_state.heard_s = (
+                    now,
+                    self._odometry_state.began_s,
+                )
+            self._add(now, at_s, without_course or self._odometry_state.without_course)
+            self._odometry_state.speed_m_s, self._odometry_state.heard_s, self._odometry_state.fed = (
+                now,
+                at_s,
+                True,
+            )
+            self._odometry_state.without_course = without_course
 
     def leg(self, leg: Movement | None, at_s: float) -> None:
         """The vehicle has moved by so much since the last one; None: anywhere."""
         with self._lock:
-            self._way.fed, self._way.leg_heard_s = True, at_s
+            self._odometry_state.fed, self._odometry_state.leg_heard_s = True, at_s
             if leg is None:
-                self._way.unknown = True
+                self._odometry_state.unknown = True
                 return
-            east, north = self._way.legs_step_m
-            self._way.legs_step_m = east + float(leg.step_m[0]), north + float(leg.step_m[1])
-            c = np.array(self._way.legs_m2) + leg.covariance_m2
-            self._way.legs_m2 = (float(c[0, 0]), float(c[0, 1])), (float(c[1, 0]), float(c[1, 1]))
+            east, north = self._odometry_state.legs_step_m
+            self._odometry_state.legs_step_m = east + float(leg.step_m[0]), north + float(leg.step_m[1])
+            c = np.array(self._odometry_state.legs_m2) + leg.covariance_m2
+            self._odometry_state.legs_m2 = (float(c[0, 0]), float(c[0, 1])), (float(c[1, 0]), float(c[1, 1]))
 
     def lose(self) -> None:
         """Nobody knows where the way began: it is unknown up to the next capture."""
         with self._lock:
-            self._way.unknown = True
+            self._odometry_state.unknown = True
 
     def movement(self, at_s: float) -> Movement | None:
         """From the last ``restart`` to this moment; None where it is unknown."""
         with self._lock:
-            if self._way.speed_m_s is not None and at_s - self._way.heard_s > GAP_S:
-                self._add(self._way.speed_m_s, at_s, self._way.without_course)
-                self._way.heard_s = at_s
-            if self._way.unknown or not self._way.fed:
+            if self._odometry_state.speed_m_s is not None and at_s - self._odometry_state.heard_s > GAP_S:
+                self._add(self._odometry_state.speed_m_s, at_s, self._odometry_state.without_course)
+                self._odometry_state.heard_s = at_s
+            if self._odometry_state.unknown or not self._odometry_state.fed:
                 return None
-            section, step_m = self._section, np.array(self._way.step_m)
+            section, step_m = self._section, np.array(self._odometry_state.step_m)
             aside_m = np.array([step_m[1], -step_m[0]]) * math.radians(section.heading_sigma_deg)
             along_m = step_m * section.speed_sigma_share
             covariance_m2 = (
                 np.outer(along_m, along_m)
                 + np.outer(aside_m, aside_m)
-                + np.eye(2) * (self._way.random_m2 + FLOOR_M**2 + self._way.aimless_m**2 / 2.0)
-                + np.array(self._way.legs_m2)
+                + np.eye(2)
+                * (self._odometry_state.random_m2 + FLOOR_M**2 + self._odometry_state.aimless_m**2 / 2.0)
+                + np.array(self._odometry_state.legs_m2)
             )
-            return Movement(step_m + np.array(self._way.legs_step_m), covariance_m2)
+            return Movement(step_m + np.array(self._odometry_state.legs_step_m), covariance_m2)
 
     def begin(self, at_s: float) -> Movement | None:
         """``movement``, and the way begins anew: a capture is taken here. What is fed goes on.
 
-        ``keep`` or ``take_back`` follows.
+        ``keep`` or ``undo_capture`` follows.
         """
         movement = self.movement(at_s)
         with self._lock:
-            before = self._before = self._way
-            self._way = Way(
+            before = self._before = self._odometry_state
+            self._odometry_state = OdometryState(
                 boot=before.boot,
                 began_s=at_s,
                 leg_heard_s=before.leg_heard_s,
@@ -153,14 +163,14 @@ class Odometer:
         with self._lock:
             self._before = None
 
-    def take_back(self) -> None:
+    def undo_capture(self) -> None:
         """The capture came to nothing: the way since the one before goes on. Where none has begun, nothing changes."""
         with self._lock:
-            before, now = self._before, self._way
+            before, now = self._before, self._odometry_state
             if before is None:
                 return
             legs_m2 = np.array(before.legs_m2) + np.array(now.legs_m2)
-            self._way = now.model_copy(
+            self._odometry_state = now.model_copy(
                 update={
                     "began_s": before.began_s,
                     "unknown": before.unknown or now.unknown,
@@ -176,7 +186,7 @@ class Odometer:
 
     def _add(self, now_m_s: tuple[float, float], at_s: float, aimless: bool) -> None:
         """The way since the last speed, at the mean of both; in any direction where ``aimless``."""
-        way, section = self._way, self._section
+        way, section = self._odometry_state, self._section
         assert way.speed_m_s is not None
         seconds = max(0.0, at_s - way.heard_s)
         mean = (np.array(way.speed_m_s) + np.array(now_m_s)) / 2.0
@@ -195,7 +205,7 @@ class Odometer:
         way.step_m = way.step_m[0] + float(step_m[0]), way.step_m[1] + float(step_m[1])
 
 
-def _way_after_restart(state: str | None, at_s: float) -> Way | None:
+def _way_after_restart(state: str | None, at_s: float) -> OdometryState | None:
     """The way that goes on; None where nothing is left of it.
 
     Speeds show by themselves how long nobody listened. Legs do not: each that came meanwhile, or that was heard but not
@@ -204,7 +214,7 @@ def _way_after_restart(state: str | None, at_s: float) -> Way | None:
     if state is None:
         return None
     try:
-        way = Way.model_validate_json(state)
+        way = OdometryState.model_validate_json(state)
     except ValidationError:  # of another version
         return None
     if way.boot != boot_id():

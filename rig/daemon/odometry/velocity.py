@@ -11,7 +11,7 @@ from rig.errors import MessageError, NoReadingError
 
 KNOT_M_S = 1852.0 / 3600.0
 KMH_M_S = 1.0 / 3.6
-CREEPING_M_S = 0.1
+SLOW_M_S = 0.1
 """Up to here a course is worth nothing, and need not be said."""
 FASTEST_M_S = 150.0
 UNITS_AGREE_M_S, UNITS_AGREE_SHARE = 0.3, 0.03
@@ -49,7 +49,7 @@ def velocity_in(sentence: Sentence, *, accept_estimated: bool = False) -> Veloci
         return None
     if speed_m_s is None or not _is_measured(mode, accept_estimated):
         return None
-    if course_deg is None and speed_m_s <= CREEPING_M_S:
+    if course_deg is None and speed_m_s <= SLOW_M_S:
         course_deg = 0.0
     if not 0.0 <= speed_m_s <= FASTEST_M_S or not 0.0 <= (course_deg or 0.0) <= 360.0:
         raise MessageError(f"{sentence.address} says {speed_m_s:.1f} m/s towards {course_deg} deg")

@@ -10,11 +10,11 @@ from typing import Any
 
 from rig.clock import Instant
 from rig.config.run import MavlinkOutput
-from rig.daemon.heartbeat import Loops
+from rig.daemon.heartbeat import Heartbeats
 from rig.daemon.publish.mavlink_link import Link, check, opened, why_no_link
 from rig.daemon.publish.mavlink_messages import dialect, external_position_estimate, gps_input, heartbeat
 from rig.daemon.publish.published import PublishedFix, current_fix, lapsed
-from rig.daemon.state import Board
+from rig.daemon.state import DaemonState
 from rig.errors import DeviceError
 
 NAME = "mavlink"
@@ -34,7 +34,9 @@ _log = logging.getLogger(__name__)
 
 
 @contextmanager
-def publishing(section: MavlinkOutput, board: Board, loops: Loops | None = None) -> Iterator[None]:
+def publishing(
+    section: MavlinkOutput, daemon_state: DaemonState, heartbeats: Heartbeats | None = None
+) -> Iterator[None]:
     """Send what the board says while the context lasts; the link is a device on the board.
 
     Raises ``ConfigError`` where pymavlink is missing or the connection is of no known kind.
@@ -42,9 +44,9 @@ def publishing(section: MavlinkOutput, board: Board, loops: Loops | None = None)
     check(section.connection)
     common = dialect()
     stop = threading.Event()
-    publisher = _Publisher(section, board, common)
-    board.set_device(NAME, "connecting", section.connection)
-    thread = threading.Thread(target=publisher.run, args=(stop, loops), name=NAME, daemon=True)
+    publisher = _Publisher(section, daemon_state, common)
+    daemon_state.set_device(NAME, "connecting", section.connection)
+    thread = threading.Thread(target=publisher.run, args=(stop, heartbeats), name=NAME, daemon=True)
     thread.start()
     try:
         yield
@@ -54,42 +56,42 @@ def publishing(section: MavlinkOutput, board: Board, loops: Loops | None = None)
 
 
 class _Publisher:
-    def __init__(self, section: MavlinkOutput, board: Board, common: ModuleType) -> None:
+    def __init__(self, section: MavlinkOutput, daemon_state: DaemonState, common: ModuleType) -> None:
         self._section = section
-        self._board = board
+        self._state = daemon_state
         self._common = common
-        latest = board.snapshot().last_fix
+        latest = daemon_state.snapshot().last_fix
         self._sent_up_to_s = latest.captured.monotonic_s if latest else float("-inf")
         """Captures up to here have been sent: none is sent twice, and none after a later one."""
-        newest = board.snapshot().last
+        newest = daemon_state.snapshot().last
         self._seen = newest.bundle if newest else None
         self._heard = False
         self._owed = False
         """The current fix was sent where no autopilot was heard, or one that has gone: who comes now has not got it."""
 
-    def run(self, stop: threading.Event, loops: Loops | None) -> None:
+    def run(self, stop: threading.Event, heartbeats: Heartbeats | None) -> None:
         """Keep a link until ``stop``."""
         wait_s = LEAST_RETRY_S
-        with nullcontext() if loops is None else loops.watched(NAME, LOOP_LONGEST_S):
+        with nullcontext() if heartbeats is None else heartbeats.watched(NAME, LOOP_LONGEST_S):
             while not stop.is_set():
                 try:
                     with opened(self._section.connection, self._section.baud) as link:
                         for heard in self._talk(link, stop):
                             wait_s = LEAST_RETRY_S if heard else wait_s
-                            if loops is not None:
-                                loops.beat(NAME)
+                            if heartbeats is not None:
+                                heartbeats.beat(NAME)
                 except (OSError, DeviceError) as error:
-                    self._board.set_device(
+                    self._state.set_device(
                         NAME, "failing", f"{self._section.connection}: {why_no_link(error)}"
                     )
-                    if loops is not None:
-                        loops.beat(NAME, within_s=wait_s + LOOP_LONGEST_S)
+                    if heartbeats is not None:
+                        heartbeats.beat(NAME, within_s=wait_s + LOOP_LONGEST_S)
                     stop.wait(wait_s)
                     wait_s = min(2.0 * wait_s, MOST_RETRY_S)
 
     def _talk(self, link: Link, stop: threading.Event) -> Iterator[bool]:
         """Yields after each round whether there is an autopilot."""
-        session = _Session(link, self._section, self._common, self._board)
+        session = _Session(link, self._section, self._common, self._state)
         while not stop.is_set():
             session.step()
             self._send_new(session)
@@ -97,7 +99,7 @@ class _Publisher:
             stop.wait(POLL_EVERY_S)
 
     def _send_new(self, session: "_Session") -> None:
-        now, snapshot = Instant.now(), self._board.snapshot()
+        now, snapshot = Instant.now(), self._state.snapshot()
         fix = current_fix(snapshot, now, self._section.valid_s)
         if fix is not None and fix.captured.monotonic_s > self._sent_up_to_s:
             session.send_fix(fix, now)
@@ -116,18 +118,20 @@ class _Publisher:
             self._seen = last.bundle
             why = lapsed(last, snapshot, now, self._section.valid_s)
             if last.fix.status == "fix" and why is not None:
-                self._board.count("mavlink fixes not sent")
+                self._state.count("mavlink fixes not sent")
                 _log.warning("mavlink: the fix of %s is not sent: %s", last.bundle, why)
 
 
 class _Session:
     """One link from its opening to its end."""
 
-    def __init__(self, link: Link, section: MavlinkOutput, common: ModuleType, board: Board) -> None:
+    def __init__(
+        self, link: Link, section: MavlinkOutput, common: ModuleType, daemon_state: DaemonState
+    ) -> None:
         self._link = link
         self._section = section
         self._common = common
-        self._board = board
+        self._state = daemon_state
         self._mav = common.MAVLink(link, srcSystem=section.system_id, srcComponent=section.component_id)
         self._mav.robust_parsing = True  # noise comes as BAD_DATA
         self._opened_s = time.monotonic()
@@ -161,7 +165,7 @@ class _Session:
     def send_fix(self, fix: PublishedFix, now: Instant) -> None:
         """Send a fix in each of the configured ways."""
         self._send(fix, now)
-        self._board.count("mavlink fixes sent")
+        self._state.count("mavlink fixes sent")
 
     def send_fix_late(self, fix: PublishedFix, now: Instant) -> None:
         """Send a fix that nobody has heard to the autopilot that has come since; the count has it already."""
@@ -180,7 +184,7 @@ class _Session:
             return
         if self._times == MOST_TIMES:
             self._awaited_s = None
-            self._board.count("mavlink fixes unanswered")
+            self._state.count("mavlink fixes unanswered")
             _log.warning("mavlink: the autopilot does not answer the fix of %s", fix.bundle)
             return
         self._command(fix, now)
@@ -204,17 +208,17 @@ class _Session:
             return
         self._awaited_s = None
         if result == self._common.MAV_RESULT_ACCEPTED:
-            self._board.count("mavlink fixes accepted")
+            self._state.count("mavlink fixes accepted")
             return
-        self._board.count("mavlink fixes refused")
+        self._state.count("mavlink fixes refused")
         known = self._common.enums["MAV_RESULT"].get(result)
         _log.warning("mavlink: the autopilot did not take a fix: %s", known.name if known else result)
 
     def _say_how_it_is(self) -> None:
         where = self._section.connection
         if self.heard:
-            self._board.set_device(NAME, "ok", f"{where}: autopilot heard")
+            self._state.set_device(NAME, "ok", f"{where}: autopilot heard")
         elif self._heard_s is not None or time.monotonic() - self._opened_s > HEARD_WITHIN_S:
-            self._board.set_device(
+            self._state.set_device(
                 NAME, "failing", f"{where}: no heartbeat of system {self._section.system_id}"
             )

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from rig.clock import Instant
 from rig.clock import problem as clock_problem
 from rig.config.run import NmeaOutput
-from rig.daemon.heartbeat import Loops
+from rig.daemon.heartbeat import Heartbeats
 from rig.daemon.publish.nmea_sentences import epoch, epoch_for_anybody
 from rig.daemon.publish.published import current_fix, lapsed
 from rig.daemon.publish.tcp_broadcast import TcpBroadcast
 from rig.daemon.publish.udp_targets import UdpTarget
-from rig.daemon.state import Answer, Board
+from rig.daemon.state import Answer, DaemonState
 
 LOOP = "nmea"
 STOP_NOTICED_S = 0.2
@@ -34,13 +34,15 @@ class NmeaPublisher:
 
 
 @contextmanager
-def publishing(section: NmeaOutput, board: Board, loops: Loops | None = None) -> Iterator[NmeaPublisher]:
+def publishing(
+    section: NmeaOutput, daemon_state: DaemonState, heartbeats: Heartbeats | None = None
+) -> Iterator[NmeaPublisher]:
     """Publish what the board says, every ``section.every_s``, while the context lasts.
 
     Raises ``ConfigError`` where the address cannot be listened on.
     """
     stop = threading.Event()
-    targets = [UdpTarget(address, board) for address in section.udp]
+    targets = [UdpTarget(address, daemon_state) for address in section.udp]
     with ExitStack() as stack:
         server = None if section.tcp is None else TcpBroadcast(section.tcp, "[run.nmea] tcp")
         if server is not None:
@@ -50,8 +52,8 @@ def publishing(section: NmeaOutput, board: Board, loops: Loops | None = None) ->
         names = [target for target in targets if not target.find(numeric=True)]
         if names:
             threading.Thread(target=_look_up, args=(names, stop), name="nmea names", daemon=True).start()
-        publisher = _Publisher(section, board, server, targets)
-        thread = threading.Thread(target=publisher.run, args=(stop, loops), name=LOOP, daemon=True)
+        publisher = _Publisher(section, daemon_state, server, targets)
+        thread = threading.Thread(target=publisher.run, args=(stop, heartbeats), name=LOOP, daemon=True)
         thread.start()
         stack.callback(thread.join)
         stack.callback(stop.set)
@@ -70,22 +72,26 @@ def _look_up(targets: Sequence[UdpTarget], stop: threading.Event) -> None:
 
 class _Publisher:
     def __init__(
-        self, section: NmeaOutput, board: Board, server: TcpBroadcast | None, targets: Sequence[UdpTarget]
+        self,
+        section: NmeaOutput,
+        daemon_state: DaemonState,
+        server: TcpBroadcast | None,
+        targets: Sequence[UdpTarget],
     ) -> None:
         self._section = section
-        self._board = board
+        self._state = daemon_state
         self._server = server
         self._targets = targets
-        latest = board.snapshot().last
+        latest = daemon_state.snapshot().last
         self._seen = latest.bundle if latest else None
 
-    def run(self, stop: threading.Event, loops: Loops | None) -> None:
+    def run(self, stop: threading.Event, heartbeats: Heartbeats | None) -> None:
         """Send an epoch whenever one is due, by the clock that does not step, until ``stop``."""
-        with nullcontext() if loops is None else loops.watched(LOOP, LOOP_LONGEST_S):
+        with nullcontext() if heartbeats is None else heartbeats.watched(LOOP, LOOP_LONGEST_S):
             due_s = time.monotonic()
             while not stop.is_set():
-                if loops is not None:
-                    loops.beat(LOOP)
+                if heartbeats is not None:
+                    heartbeats.beat(LOOP)
                 now_s = time.monotonic()
                 if now_s >= due_s:
                     self._send()
@@ -99,7 +105,7 @@ class _Publisher:
             self._server.serve(max(timeout_s, 0.0))
 
     def _send(self) -> None:
-        now, snapshot = Instant.now(), self._board.snapshot()
+        now, snapshot = Instant.now(), self._state.snapshot()
         fix = current_fix(snapshot, now, self._section.valid_s)
         if snapshot.last is not None and snapshot.last.bundle != self._seen:
             self._seen = snapshot.last.bundle
@@ -115,5 +121,5 @@ class _Publisher:
 
     def _tell_if_lapsed(self, answer: Answer, why: str | None) -> None:
         if answer.fix.status == "fix" and why is not None:
-            self._board.count("nmea fixes never current")
+            self._state.count("nmea fixes never current")
             _log.warning("nmea: the fix of %s is not published: %s", answer.bundle, why)

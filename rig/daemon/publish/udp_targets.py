@@ -3,15 +3,15 @@
 import socket
 
 from rig.config.run import host_and_port
-from rig.daemon.state import Board
+from rig.daemon.state import DaemonState
 
 
 class UdpTarget:
     """One address; how it fares is on the board, as of a device."""
 
-    def __init__(self, address: str, board: Board) -> None:
+    def __init__(self, address: str, daemon_state: DaemonState) -> None:
         self._address = address
-        self._board = board
+        self._state = daemon_state
         self._socket: socket.socket | None = None
         self._to: tuple[str, int] | None = None
 
@@ -23,7 +23,7 @@ class UdpTarget:
             family, _, _, _, to = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM, flags=flags)[0]
         except OSError as error:
             if not numeric:
-                self._board.set_device(self._name, "failing", f"{host} cannot be looked up: {error.strerror}")
+                self._state.set_device(self._name, "failing", f"{host} cannot be looked up: {error.strerror}")
             return False
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
@@ -38,9 +38,9 @@ class UdpTarget:
         try:
             self._socket.sendto(data, self._to)
         except OSError as error:
-            self._board.set_device(self._name, "failing", f"cannot send: {error.strerror}")
+            self._state.set_device(self._name, "failing", f"cannot send: {error.strerror}")
         else:
-            self._board.set_device(self._name, "ok", "datagrams are sent")
+            self._state.set_device(self._name, "ok", "datagrams are sent")
 
     def close(self) -> None:
         """Send no more."""

@@ -13,9 +13,9 @@ from localizer.fix import Fix
 from localizer.track.tracker import Tracker, TrackerError
 from rig.clock import Instant, utc_now
 from rig.daemon.boot import boot_id
-from rig.daemon.search.process import Found, SearchFailedError, SearchProcess, Standing
+from rig.daemon.search.process import CaptureInfo, SearchFailedError, SearchProcess, SearchResult
 from rig.daemon.spool.store import Entry, Spool, SpoolError
-from rig.daemon.state import Answer, Board
+from rig.daemon.state import Answer, DaemonState
 
 _log = structlog.get_logger(__name__)
 
@@ -34,7 +34,11 @@ class Search:
     """The loop around the worker. ``wake`` it when there is a new bundle."""
 
     def __init__(
-        self, spool: Spool, board: Board, start: Callable[[], SearchProcess], worker: SearchProcess
+        self,
+        spool: Spool,
+        daemon_state: DaemonState,
+        start: Callable[[], SearchProcess],
+        worker: SearchProcess,
     ) -> None:
         """``worker`` has been started by ``start``, which is called again where it is lost.
 
@@ -44,7 +48,7 @@ class Search:
         self.terrain: Future[None] = Future()
         self.pictures: Future[None] = Future()
         self._spool = spool
-        self._board = board
+        self._state = daemon_state
         self._start = start
         self.worker: SearchProcess | None = worker
         self._news = threading.Event()
@@ -98,11 +102,11 @@ class Search:
             self._news.wait(IDLE_S)
             self._news.clear()
             return
-        self._board.set_locating(entry.bundle)
+        self._state.set_locating(entry.bundle)
         try:
             self._locate(worker, entry)
         finally:
-            self._board.set_locating(None)
+            self._state.set_locating(None)
 
     def hand_over(self) -> SearchProcess | None:
         """The worker, for whoever goes on with the same DEM; None where it has ended. Only after ``run``."""
@@ -120,7 +124,7 @@ class Search:
         if self.worker is None or not self.worker.alive:
             self.close()
             self.worker = self._start()
-            self._board.count("search processes started")
+            self._state.count("search processes started")
         self.worker.beat = beat
         self.worker.wait_ready()
         return self.worker
@@ -138,22 +142,22 @@ class Search:
         except SearchFailedError as error:
             self._failed(entry, str(error))
             return
-        answer = answer_of(entry, found, self._board.snapshot().started)
+        answer = answer_of(entry, found, self._state.snapshot().started)
         self._spool.set_answer(answer, found.tracker)
-        self._board.set_answer(answer)
+        self._state.set_answer(answer)
         _log.info("located", bundle=entry.bundle, **described(answer))
 
     def _failed(self, entry: Entry, reason: str) -> None:
         state = self._spool.set_failed(entry.bundle, reason)
-        self._board.count("searches failed")
-        self._board.tell("capture", stage="not located", bundle=entry.bundle, reason=reason, state=state)
+        self._state.count("searches failed")
+        self._state.tell("capture", stage="not located", bundle=entry.bundle, reason=reason, state=state)
         _log.error("search failed", bundle=entry.bundle, reason=reason, again=state == "waiting")
 
 
-def answer_of(entry: Entry, found: Found, started: Instant | None = None) -> Answer:
+def answer_of(entry: Entry, found: SearchResult, started: Instant | None = None) -> Answer:
     """What the daemon, which has run since ``started``, publishes of a bundle's search."""
     heading = vehicle_heading_deg(found)
-    captured = moment_of(found.standing, entry.boot)
+    captured = moment_of(found.capture_info, entry.boot)
     return Answer(
         bundle=entry.bundle,
         captured=captured,
@@ -182,34 +186,34 @@ def restored(answer: Answer, boot: str | None) -> Answer:
     return replace(answer, captured=captured, answered=answered, before_start=True)
 
 
-def restore(board: Board, spool: Spool) -> None:
+def restore(daemon_state: DaemonState, spool: Spool) -> None:
     """Put on the board what the spool knows from before a restart, unless there is something of this run already.
 
     Again after the wall clock has stepped: ages of another run of the computer go by it.
     """
-    known = board.snapshot().last
+    known = daemon_state.snapshot().last
     if known is not None and not known.before_start:
         return
     last, last_fix = (answer and restored(*answer) for answer in spool.latest())
     newest = last or last_fix  # the newest bundle's may be one that cannot be read
     if newest is not None:
-        board.restore(newest, last_fix)
+        daemon_state.restore(newest, last_fix)
 
 
-def vehicle_heading_deg(found: Found) -> tuple[float, float] | None:
+def vehicle_heading_deg(found: SearchResult) -> tuple[float, float] | None:
     """True heading of the vehicle's forward axis and its sigma: as measured, less the error that the search solved for."""
-    nuisance, standing = found.track.fix.nuisance, found.standing
-    if nuisance is None or found.azimuth_bias_sigma_deg is None or standing.heading_deg is None:
+    nuisance, capture_info = found.track.fix.nuisance, found.capture_info
+    if nuisance is None or found.azimuth_bias_sigma_deg is None or capture_info.heading_deg is None:
         return None
-    sigma_deg = math.hypot(found.azimuth_bias_sigma_deg, *standing.mounting_sigmas_deg)
-    return (standing.heading_deg - nuisance.azimuth_bias_deg) % 360.0, min(sigma_deg, 180.0)
+    sigma_deg = math.hypot(found.azimuth_bias_sigma_deg, *capture_info.mounting_sigmas_deg)
+    return (capture_info.heading_deg - nuisance.azimuth_bias_deg) % 360.0, min(sigma_deg, 180.0)
 
 
-def moment_of(standing: Standing, boot: str | None) -> Instant:
+def moment_of(capture_info: CaptureInfo, boot: str | None) -> Instant:
     """When a bundle's last frame was taken. Of another run of the computer only the wall clock's time is known."""
-    utc, now = datetime.fromisoformat(standing.utc), Instant.now()
-    if boot == boot_id() and standing.monotonic_s is not None:
-        return Instant(standing.monotonic_s, utc)
+    utc, now = datetime.fromisoformat(capture_info.utc), Instant.now()
+    if boot == boot_id() and capture_info.monotonic_s is not None:
+        return Instant(capture_info.monotonic_s, utc)
     return Instant(now.monotonic_s - _age_s(utc), utc)
 
 

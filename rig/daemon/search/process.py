@@ -32,7 +32,7 @@ class SearchFailedError(RigError):
 
 
 @dataclass(frozen=True)
-class Standing:
+class CaptureInfo:
     """What a bundle says of itself: when its last frame was taken, on both clocks, and the vehicle's heading then."""
 
     utc: str
@@ -42,14 +42,14 @@ class Standing:
 
 
 @dataclass(frozen=True)
-class Found:
+class SearchResult:
     """What the worker found out about a bundle."""
 
     track: TrackLine
     tracker: Tracker
     altitude_m: float | None
     azimuth_bias_sigma_deg: float | None
-    standing: Standing
+    capture_info: CaptureInfo
     wgs84_accuracy_m: float = 0.0
     """Of the way from the DEM's datum, beside the fix's covariance."""
 
@@ -126,17 +126,17 @@ class SearchProcess:
             self._receive(STARTING_S, "was not ready")
             self._ready = True
 
-    def search(self, bundle_dir: Path, tracker: Tracker, leg: Movement | None) -> Found:
+    def search(self, bundle_dir: Path, tracker: Tracker, leg: Movement | None) -> SearchResult:
         """What a bundle comes to. After a ``SearchFailedError`` the worker may be gone: see ``alive``."""
         state = tracker.model_dump(mode="json", by_alias=True)
         self._send({"bundle": str(bundle_dir), "tracker": state, "leg": leg_json(leg)})
         fields = self._receive(self._limits[1], "took longer than [run.search] time_s")
-        return Found(
+        return SearchResult(
             TrackLine.model_validate(fields["track"], strict=False),
             Tracker.model_validate(fields["tracker"], strict=False),
             fields["altitude_m"],
             fields["azimuth_bias_sigma_deg"],
-            Standing(**fields["standing"]),
+            CaptureInfo(**fields["capture_info"]),
             fields.get("wgs84_accuracy_m", 0.0),
         )
 

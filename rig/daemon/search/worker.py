@@ -35,7 +35,7 @@ from localizer.skyline.upright import frame_skyline
 from localizer.track.document import track_line
 from localizer.track.tracker import Tracker, follow
 from rig.atomic import write_atomically
-from rig.daemon.memory import give_back
+from rig.daemon.memory import release_free_heap
 from rig.daemon.search.skylines import FILE_NAME, BundleSkylines, bundle_skylines
 from rig.daemon.spool.index import leg_of
 
@@ -77,7 +77,7 @@ def main() -> None:
         except SkyfixError as error:
             answer = {"error": str(error)}
         _send(out, answer)
-        give_back()
+        release_free_heap()
 
 
 def _receive(requests: "queue.SimpleQueue[dict[str, Any]]") -> None:
@@ -113,7 +113,7 @@ def _located(terrain: Terrain, request: dict[str, Any]) -> dict[str, Any]:
         "tracker": step.tracker.model_dump(mode="json", by_alias=True),
         "altitude_m": step.best.altitude_m if step.best else None,
         "azimuth_bias_sigma_deg": step.best.azimuth_bias_sigma_deg if step.best else None,
-        "standing": standing_of(bundle),
+        "capture_info": capture_info_of(bundle),
         "wgs84_accuracy_m": terrain.dem.lonlat_accuracy_m,
     }
 
@@ -126,7 +126,7 @@ def _store(file: Path, skylines: BundleSkylines) -> None:
         print(f"{file}: {error.strerror}; the page will not show the skylines", file=sys.stderr)
 
 
-def standing_of(bundle: Bundle) -> dict[str, Any]:
+def capture_info_of(bundle: Bundle) -> dict[str, Any]:
     """What the daemon wants to know of the bundle itself: when, and how the vehicle's heading was measured.
 
     Values are null where the bundle, of another program perhaps, does not say.

@@ -8,12 +8,12 @@ Listener = Callable[[dict[str, Any]], None]
 _listeners: list[Listener] = []
 
 
-def listen(listener: Listener) -> None:
+def subscribe(listener: Listener) -> None:
     """Have ``listener`` called with each exchange, in the thread that makes it."""
     _listeners.append(listener)
 
 
-def ignore(listener: Listener) -> None:
+def unsubscribe(listener: Listener) -> None:
     """End that."""
     _listeners.remove(listener)
 

@@ -27,7 +27,7 @@ class Sensor(Protocol[Reading_co]):
         ...
 
 
-class Reviving(Generic[Reading_co]):
+class ReconnectingSensor(Generic[Reading_co]):
     """The sensor that ``connect`` opens; opened again, identity and set-up included, after each failed reading.
 
     The retry stands above it: a reading that fails raises ``TransientError``, and the next try begins with a chip that

@@ -12,7 +12,7 @@ import pytest
 
 from rig.attitude.kinematics import Attitude, JointAngles, pan_stage_rotation
 from rig.attitude.level import HeadLevel
-from rig.capture.base_attitude import HEADING_OF_STOPS, MeanField, Stop, standing_from
+from rig.capture.base_attitude import HEADING_OF_STOPS, MeanField, Stop, estimate_base
 from rig.config.load import load_config
 from rig.config.model import RigConfig
 from rig.config.sections import NmeaCompassSection
@@ -57,9 +57,9 @@ def read(config: RigConfig, pans_deg: Sequence[float], misread_deg: float = 0.0)
 
 def test_what_the_pan_is_misread_by_at_the_pictures_is_in_the_heading_too(config: RigConfig) -> None:
     views = read(config, VIEWS_DEG, misread_deg=0.08)
-    alone = standing_from(config, read(config, STOPS_DEG), "compass")
+    alone = estimate_base(config, read(config, STOPS_DEG), "compass")
     assert alone.attitude.azimuth_deg == pytest.approx(30.0, abs=1e-6), "pictures are then 0.08 deg off"
-    together = standing_from(config, read(config, STOPS_DEG), "compass", views)
+    together = estimate_base(config, read(config, STOPS_DEG), "compass", views)
     assert together.attitude.azimuth_deg == pytest.approx(30.0 - 0.04, abs=0.002)
     for view in views:
         true_deg = 30.0 + view.joints.pan_deg - 0.08
@@ -72,8 +72,8 @@ def test_the_level_is_of_the_stops_alone(config: RigConfig) -> None:
     stops = read(config, STOPS_DEG)
     leaning = replace(LEVEL, tilt_deg=12.0, roll_deg=3.0)
     views = [replace(view, level=leaning) for view in read(config, VIEWS_DEG)]
-    together = standing_from(config, stops, "compass", views)
-    assert together.level == standing_from(config, stops, "compass").level
+    together = estimate_base(config, stops, "compass", views)
+    assert together.level == estimate_base(config, stops, "compass").level
     assert together.stops == tuple(stops)
     assert len(together.raw["stops"]) == len(stops)
 
@@ -81,9 +81,9 @@ def test_the_level_is_of_the_stops_alone(config: RigConfig) -> None:
 def test_a_picture_without_a_reading_of_the_compass_says_nothing(config: RigConfig) -> None:
     stops, views = read(config, STOPS_DEG), read(config, VIEWS_DEG, misread_deg=0.08)
     unread = [replace(view, field=None, headings=()) for view in views[1:]]
-    assert standing_from(config, stops, "compass", unread) == standing_from(config, stops, "compass")
-    mixed = standing_from(config, stops, "compass", [views[0], *unread])
-    assert mixed == standing_from(config, stops, "compass", views[:1])
+    assert estimate_base(config, stops, "compass", unread) == estimate_base(config, stops, "compass")
+    mixed = estimate_base(config, stops, "compass", [views[0], *unread])
+    assert mixed == estimate_base(config, stops, "compass", views[:1])
 
 
 @pytest.mark.parametrize("at_deg", [VIEWS_DEG, (125.0, 128.0, 131.0, 145.0)])
@@ -94,7 +94,7 @@ def test_a_compass_that_froze_after_the_stops_is_noted_and_not_believed(
     stops = read(config, STOPS_DEG)
     frozen = [replace(stops[-1], joints=JointAngles(pan_deg, 0.0)) for pan_deg in at_deg]
     with collecting() as faults:
-        found = standing_from(config, stops, "compass", frozen)
-    assert found == standing_from(config, stops, "compass")
+        found = estimate_base(config, stops, "compass", frozen)
+    assert found == estimate_base(config, stops, "compass")
     (note,) = faults.all()
     assert (note.device, note.action) == ("compass", HEADING_OF_STOPS)

@@ -15,7 +15,7 @@ from fakes.whole_rig import HEIGHT_PX, FakeRig, RunningRig, running_rig
 from localizer.bundle import load_bundle
 from localizer.skyline.find import ColumnState, Skyline, find_skyline
 from rig.attitude.kinematics import Attitude, Head, JointAngles, camera_pointing, wrapped_deg
-from rig.capture.sequence import CaptureError, capture, in_passing
+from rig.capture.sequence import CaptureError, capture, in_sweep_order
 from rig.config.directions import parse_directions
 from rig.errors import DeviceError, GoalError, LostPortError
 
@@ -286,5 +286,5 @@ def test_the_head_sweeps_once() -> None:
     head = Head((-178.0, 178.0), (-40.0, 60.0), NOWHERE)
     directions = parse_directions(["N", "E", "S", "W"])
     base = Attitude(20.0, 0.0, 0.0)
-    assert [d.label for d in in_passing(directions, base, head, 150.0)] == ["S", "E", "N", "W"]
-    assert [d.label for d in in_passing(directions, base, head, -150.0)] == ["W", "N", "E", "S"]
+    assert [d.label for d in in_sweep_order(directions, base, head, 150.0)] == ["S", "E", "N", "W"]
+    assert [d.label for d in in_sweep_order(directions, base, head, -150.0)] == ["W", "N", "E", "S"]

@@ -17,7 +17,7 @@ from rig.clock import Instant
 from rig.devices.bus.deadline import Deadline
 from rig.devices.bus.retry import retry
 from rig.devices.bus.serial_port import SerialPort
-from rig.devices.sensors.reconnecting import Reviving
+from rig.devices.sensors.reconnecting import ReconnectingSensor
 from rig.errors import DeviceError, LostPortError, TransientError, WrongDeviceError
 from rig.fault_notes import collecting, note_fault
 
@@ -104,7 +104,7 @@ class Chip:
 
 def test_a_chip_that_restarted_is_set_up_anew() -> None:
     chip = Chip()
-    sensor = Reviving(chip.connect)
+    sensor = ReconnectingSensor(chip.connect)
     assert sensor.read_many(0.0) == [7]
     chip.working = False
     with collecting() as notes:
@@ -119,7 +119,7 @@ def test_a_chip_that_restarted_is_set_up_anew() -> None:
 
 def test_another_chip_in_its_place_is_no_reading() -> None:
     chip = Chip()
-    sensor = Reviving(chip.connect)
+    sensor = ReconnectingSensor(chip.connect)
     chip.working = False
 
     def other() -> Chip:

@@ -11,10 +11,10 @@ from fakes.located import answer_of
 from rig.config.run import NmeaOutput
 from rig.daemon import log_rate_limit
 from rig.daemon.log import logging_to
-from rig.daemon.log_rate_limit import Seldom
+from rig.daemon.log_rate_limit import RateLimitHandler
 from rig.daemon.publish import tcp_broadcast
 from rig.daemon.publish.nmea import publishing
-from rig.daemon.state import Board
+from rig.daemon.state import DaemonState
 
 SOON_S = 30.0
 
@@ -32,7 +32,7 @@ class Kept(logging.Handler):
 def log():
     kept = Kept()
     logger = logging.getLogger("tests.seldom")
-    handler = Seldom(kept)
+    handler = RateLimitHandler(kept)
     logger.addHandler(handler)
     logger.setLevel(logging.INFO)
     logger.propagate = False
@@ -76,8 +76,8 @@ def test_lines_that_are_nothing_but_values_are_told_apart_by_these(log):
 
 
 def test_events_of_different_devices_and_bundles_are_different_ones(capsys):
-    board = Board()
-    with logging_to(board, {}):
+    daemon_state = DaemonState()
+    with logging_to(daemon_state, {}):
         events = structlog.get_logger("tests")
         for number in range(100):
             events.info("located", bundle=f"bundle-{number}")
@@ -85,34 +85,34 @@ def test_events_of_different_devices_and_bundles_are_different_ones(capsys):
     lines = capsys.readouterr().err.splitlines()
     assert sum("located" in line for line in lines) == 100
     assert sum("device fails" in line for line in lines) == 100
-    assert "log lines left out" not in board.snapshot().counts
+    assert "log lines left out" not in daemon_state.snapshot().counts
 
 
 def test_refused_clients_do_not_fill_the_journal(monkeypatch, capsys):
     monkeypatch.setattr(tcp_broadcast, "MOST_CLIENTS", 1)
-    board = Board()
+    daemon_state = DaemonState()
     with (
-        logging_to(board, {}),
-        publishing(NmeaOutput(tcp="127.0.0.1:0", every_s=0.1), board) as publisher,
+        logging_to(daemon_state, {}),
+        publishing(NmeaOutput(tcp="127.0.0.1:0", every_s=0.1), daemon_state) as publisher,
         socket.create_connection(publisher.tcp, SOON_S) as stays,
     ):
         stays.recv(1)
         for _ in range(100):
             with socket.create_connection(publisher.tcp, SOON_S) as refused:
                 assert refused.recv(1) == b""
-        board.set_answer(answer_of("a"))
+        daemon_state.set_answer(answer_of("a"))
     lines = capsys.readouterr().err.splitlines()
     told = [line for line in lines if "turned away" in line]
     assert len(told) == log_rate_limit.FIRST + 1
     assert "127.0.0.1 was turned away: 1 clients are connected" in told[0]
     assert "90 more lines like this left out" in told[-1]
-    assert board.snapshot().counts["log lines left out"] == 90
+    assert daemon_state.snapshot().counts["log lines left out"] == 90
 
 
 def test_garbage_over_http_does_not_fill_it_either(capsys):
     """The server's own warning, one for each request that is none."""
-    board = Board()
-    with logging_to(board, {}):
+    daemon_state = DaemonState()
+    with logging_to(daemon_state, {}):
         for _ in range(1000):
             logging.getLogger("uvicorn.error").warning("Invalid HTTP request received.")
     lines = capsys.readouterr().err.splitlines()

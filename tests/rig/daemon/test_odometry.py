@@ -17,7 +17,7 @@ from rig.daemon.boot import boot_id
 from rig.daemon.captures import Captures
 from rig.daemon.odometry.receiver import Odometer, OdometryListener, Velocity, velocity_in
 from rig.daemon.spool.store import SpoolError
-from rig.daemon.state import Board
+from rig.daemon.state import DaemonState
 from rig.devices.sensors.nmea import checksum, parse_sentence
 from rig.errors import MessageError, RigError
 
@@ -123,7 +123,7 @@ class TestWay:
         assert sigmas_m == pytest.approx(100.0 / math.sqrt(2.0), rel=0.02)
         odometer.begin(end_s + 10.0)
         odometer.velocity(Velocity(0.0, 0.0), end_s + 10.1)
-        odometer.take_back()
+        odometer.undo_capture()
         whole = odometer.movement(end_s + 10.1)
         assert whole is not None
         assert np.sqrt(np.diag(whole.covariance_m2)).min() > 0.99 * 100.5 / math.sqrt(2.0)
@@ -147,7 +147,7 @@ class TestWay:
         since = odometer.movement(end_s)
         assert since is not None
         assert since.step_m[0] == pytest.approx(30.0)
-        odometer.take_back()
+        odometer.undo_capture()
         whole = odometer.movement(end_s)
         assert whole is not None
         assert whole.step_m[0] == pytest.approx(130.0)
@@ -222,7 +222,7 @@ class TestWay:
         odometer.leg(A_LEG, 1.0)
         odometer.begin(2.0)
         odometer.lose()
-        odometer.take_back()
+        odometer.undo_capture()
         assert odometer.movement(3.0) is None
 
     def test_only_the_capture_that_goes_on_can_be_taken_back(self) -> None:
@@ -230,7 +230,7 @@ class TestWay:
         odometer.leg(A_LEG, 1.0)
         odometer.begin(2.0)
         odometer.keep()
-        odometer.take_back()
+        odometer.undo_capture()
         odometer.leg(A_LEG, 3.0)
         leg = odometer.movement(3.0)
         assert leg is not None
@@ -301,13 +301,13 @@ def test_a_capture_that_the_spool_refuses_takes_nothing_off_the_way() -> None:
             raise SpoolError("index.sqlite: disk I/O error; look at the disk")
 
     now_s = time.monotonic()
-    odometer, spool, board = captured_at(now_s - 20.0), FullDisk(), Board()
+    odometer, spool, daemon_state = captured_at(now_s - 20.0), FullDisk(), DaemonState()
     signals = SimpleNamespace(shielded=nullcontext)
-    captures = Captures(None, board, spool, signals, None, None, odometer)  # type: ignore[arg-type]
+    captures = Captures(None, daemon_state, spool, signals, None, None, odometer)  # type: ignore[arg-type]
     driven(odometer, 90.0, 10.0, now_s - 20.0, 20.0)
     for spool.refuses_room in (False, True, False):
         assert captures.take("rest", lambda: None) is None
-    assert board.snapshot().counts["captures refused"] == 3
+    assert daemon_state.snapshot().counts["captures refused"] == 3
     way = odometer.movement(now_s)
     assert way is not None
     assert way.step_m[0] == pytest.approx(200.0)

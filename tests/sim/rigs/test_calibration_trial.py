@@ -7,7 +7,7 @@ import pytest
 
 from sim.commands.options import EMBEDDED_DEM
 from sim.launch.operator import turn_asked_deg
-from sim.render.calibration_target import FRAMES_A_POSE, BoardPictures
+from sim.render.calibration_target import FRAMES_A_POSE, CalibrationTargetPictures
 from sim.rigs.calibration_trial import LIMITS, RigResult, calibrate_rig, write_csv
 from sim.world.mechanics import Attitude, Mechanics, body_attitude, body_in_world, turned_about_axes
 from sim.world.scenario import CameraOptics, load_scenario
@@ -40,7 +40,7 @@ def test_turns_about_axes_are_rotations() -> None:
 
 def test_the_board_is_still_for_a_while_and_then_elsewhere() -> None:
     optics = CameraOptics(noise=0.0)
-    board = BoardPictures(optics, np.random.default_rng(1))
+    board = CalibrationTargetPictures(optics, np.random.default_rng(1))
     pictures = [board.frame().astype(int) for _ in range(FRAMES_A_POSE + 1)]
     assert np.ptp([np.abs(p - pictures[0]).max() for p in pictures[:FRAMES_A_POSE]]) == 0
     assert np.abs(pictures[-1] - pictures[0]).mean() > 5.0
