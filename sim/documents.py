@@ -10,7 +10,7 @@ from typing import Any
 from localizer.documents import DocumentError, json_values, read_file, read_json, read_toml
 from sim.errors import SimulationError
 
-MOST_LOG_BYTES = 256_000_000
+MAX_LOG_BYTES = 256_000_000
 
 
 def toml_file(what: str, path: Path) -> dict[str, Any]:
@@ -40,7 +40,7 @@ def json_file(what: str, path: Path) -> Any:
 def log_lines(path: Path) -> list[bytes]:
     """The lines of a log of ``rig record``. Raises ``SimulationError``."""
     try:
-        return read_file(path, MOST_LOG_BYTES).splitlines()
+        return read_file(path, MAX_LOG_BYTES).splitlines()
     except OSError as error:
         raise SimulationError(f"log {path}: {error.strerror or error}; name a readable file") from error
     except DocumentError as error:

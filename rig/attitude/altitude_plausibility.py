@@ -16,13 +16,13 @@ from rig.errors import DeviceError
 if TYPE_CHECKING:
     from localizer.dem.lattice import Dem
 
-MOST_FROM_PLACE_M = 3500.0
+MAX_FROM_PLACE_M = 3500.0
 """From [place] altitude_m, which is good for a hundred kilometres. Half or twice the pressure is 4,900 m or more."""
 
-MOST_BEYOND_DEM_M = 300.0
+MAX_BEYOND_DEM_M = 300.0
 """Weather since the reference (150 m) and a vertical datum of its own (110 m) are less."""
 
-ALIKE = {"ms5611": "ms5607", "ms5607": "ms5611"}
+LOOKALIKE_CHIPS = {"ms5611": "ms5607", "ms5607": "ms5611"}
 """Barometers that answer the same and mean another pressure."""
 
 
@@ -36,8 +36,8 @@ class AltitudeBounds:
 
 
 def altitude_bounds(config: RigConfig, dem: "Dem | None" = None) -> tuple[AltitudeBounds, ...]:
-    """By the elevation model that is searched, by [place] where it has an altitude, and by the reference of a chip of ``ALIKE``
-    where it has none.
+    """Bounds from the elevation model, from [place] if it has an altitude, and, if not, from the barometer's reference for a chip
+    of ``LOOKALIKE_CHIPS``.
     """
     bounds = []
     if dem is not None:
@@ -45,8 +45,8 @@ def altitude_bounds(config: RigConfig, dem: "Dem | None" = None) -> tuple[Altitu
         name = dem.source[0].name if dem.source else "the elevation model"
         bounds.append(
             AltitudeBounds(
-                low_m - MOST_BEYOND_DEM_M,
-                high_m + MOST_BEYOND_DEM_M,
+                low_m - MAX_BEYOND_DEM_M,
+                high_m + MAX_BEYOND_DEM_M,
                 f"the ground of {name} lies at {low_m:.0f} to {high_m:.0f} m",
             )
         )
@@ -59,8 +59,8 @@ def altitude_bounds(config: RigConfig, dem: "Dem | None" = None) -> tuple[Altitu
 
 
 def bounds_by_reference(section: AltimeterSection) -> list[AltitudeBounds]:
-    """By the reference, for a chip of ``ALIKE``: where nobody else says how high the rig stands."""
-    if section.kind not in ALIKE:
+    """By the reference, for a chip of ``LOOKALIKE_CHIPS``: where nobody else says how high the rig stands."""
+    if section.kind not in LOOKALIKE_CHIPS:
         return []
     at_m = section.reference_altitude_m
     by = f"the reference lies at {at_m:.0f} m and there is no [place] altitude_m that says more"
@@ -68,10 +68,10 @@ def bounds_by_reference(section: AltimeterSection) -> list[AltitudeBounds]:
 
 
 def _around(altitude_m: float, by: str) -> AltitudeBounds:
-    return AltitudeBounds(altitude_m - MOST_FROM_PLACE_M, altitude_m + MOST_FROM_PLACE_M, by)
+    return AltitudeBounds(altitude_m - MAX_FROM_PLACE_M, altitude_m + MAX_FROM_PLACE_M, by)
 
 
-def require_possible(
+def require_plausible_altitude(
     altitude_m: float,
     pressure_hpa: float,
     section: AltimeterSection,
@@ -84,8 +84,8 @@ def require_possible(
             continue
         problem = f"{pressure_hpa:.1f} hPa would be an altitude of {altitude_m:.0f} m, but {bound.by}"
         remedy = "check [altimeter] reference_pressure_hpa and reference_altitude_m, [place] altitude_m, then the sensor"
-        if section.kind in ALIKE:
-            other = ALIKE[section.kind]
+        if section.kind in LOOKALIKE_CHIPS:
+            other = LOOKALIKE_CHIPS[section.kind]
             part = "half" if section.kind == "ms5611" else "twice"
             remedy = (
                 f"an {other.upper()} read as an {section.kind.upper()} gives {part} the pressure: look at what is fitted "

@@ -21,7 +21,7 @@ from rig.errors import DeviceError
 Vector = NDArray[np.float64]
 
 PLAUSIBLE_FIELD_UT = (15.0, 100.0)  # the Earth's is 22 to 67; iron nearby bends and scales it
-LEAST_HORIZONTAL_UT = 2.0  # below it, near the magnetic poles, a compass points nowhere
+MIN_HORIZONTAL_UT = 2.0  # below it, near the magnetic poles, a compass points nowhere
 TALKER_MISFIT_LIMIT_DEG = 20.0
 ANGLES_FOR_DEVIATION = 4
 SAME_PAN_DEG = 0.2
@@ -113,7 +113,7 @@ def heading_from_field(
     east, north, up = (float(v) for v in body_rotation(level.attitude(0.0)) @ in_base)
     horizontal_ut = math.hypot(east, north)
     total_ut = math.hypot(horizontal_ut, up)
-    if not PLAUSIBLE_FIELD_UT[0] <= total_ut <= PLAUSIBLE_FIELD_UT[1] or horizontal_ut < LEAST_HORIZONTAL_UT:
+    if not PLAUSIBLE_FIELD_UT[0] <= total_ut <= PLAUSIBLE_FIELD_UT[1] or horizontal_ut < MIN_HORIZONTAL_UT:
         raise DeviceError(
             "compass",
             f"measures {total_ut:.1f} uT, {horizontal_ut:.1f} of it horizontal: not the Earth's field",

@@ -23,7 +23,7 @@ from rig.errors import DeviceError
 from rig.fault_notes import collecting, note_fault
 
 SAME_DEVIATION_DEG = 0.15
-LEAST_VARIATION_DEG = 1.0
+MIN_VARIATION_DEG = 1.0
 """A smaller one in the wrong field does no harm that matters, and cannot be told from a deviation."""
 SOURCES_AGREE_DEG = 5.0
 NORTHS_AGREE_DEG = 2.0
@@ -101,7 +101,7 @@ def true_headings(
 
 
 @dataclass(frozen=True)
-class _Here:
+class _SingleStop:
     """One stop, without turning the head."""
 
     headings: tuple[HeadingReading, ...]
@@ -118,7 +118,7 @@ def heading_doubts(
 ) -> list[str]:
     """What a capture would note about such headings, "PROBLEM: ACTION" each. Raises as ``true_headings`` does."""
     with collecting() as faults:
-        true_headings([_Here(tuple(headings), headings[-1].utc)], section, place)
+        true_headings([_SingleStop(tuple(headings), headings[-1].utc)], section, place)
     return [f"{note.problem}: {note.action}" for note in faults.all() if note.device == "compass"]
 
 
@@ -164,7 +164,7 @@ def _without_misplaced_variation(
     everywhere = all(
         each.deviation_deg for headings in raw for each in headings if each.source == found[0].source
     )
-    if np.ptp(deviations) > SAME_DEVIATION_DEG or abs(deviation_deg) < LEAST_VARIATION_DEG or not everywhere:
+    if np.ptp(deviations) > SAME_DEVIATION_DEG or abs(deviation_deg) < MIN_VARIATION_DEG or not everywhere:
         return raw
     twice = all(each.variation_deg == each.deviation_deg for each in found)
     known_deg = section.declination_deg
@@ -201,12 +201,12 @@ def _without_false_north(
     for true_source, source in itertools.product(norths, norths):
         if (norths[true_source].reference, norths[source].reference) != ("true", "magnetic"):
             continue
-        turned = _ahead(means, true_source, source)
+        turned = _heading_difference(means, true_source, source)
         if turned is None or true_source[:2] != source[:2]:
             continue
         north_deg = used[norths[source].variation_deg].declination_deg
         is_same = abs(turned.by_deg) <= SAME_HEADING_DEG + turned.loose_deg
-        agree_deg = (LEAST_VARIATION_DEG if is_same else NORTHS_AGREE_DEG) + turned.loose_deg
+        agree_deg = (MIN_VARIATION_DEG if is_same else NORTHS_AGREE_DEG) + turned.loose_deg
         if abs(wrapped_deg(turned.by_deg - north_deg)) <= agree_deg:
             continue
         what = (
@@ -220,7 +220,7 @@ def _without_false_north(
 
 
 @dataclass(frozen=True)
-class _Ahead:
+class _HeadingDifference:
     """By how much one source is ahead of another, and how loosely that is known."""
 
     by_deg: float
@@ -245,22 +245,26 @@ def _means(
     ]
 
 
-def _ahead(means: Sequence[tuple[float, Mapping[str, float]]], source: str, other: str) -> _Ahead | None:
+def _heading_difference(
+    means: Sequence[tuple[float, Mapping[str, float]]], source: str, other: str
+) -> _HeadingDifference | None:
     """On the mean of the stops that have both; where none has, as slow talkers take turns, of what each says of the bow."""
     together = [here[source] - here[other] for _, here in means if source in here and other in here]
     if together:
-        return _Ahead(wrapped_deg(circular_mean_deg(together)), 0.0)
+        return _HeadingDifference(wrapped_deg(circular_mean_deg(together)), 0.0)
     of_bow = [[here[name] - pan_deg for pan_deg, here in means if name in here] for name in (source, other)]
     if not all(of_bow):
         return None
-    return _Ahead(wrapped_deg(circular_mean_deg(of_bow[0]) - circular_mean_deg(of_bow[1])), APART_DEG)
+    return _HeadingDifference(
+        wrapped_deg(circular_mean_deg(of_bow[0]) - circular_mean_deg(of_bow[1])), APART_DEG
+    )
 
 
 def _require_agreement(means: Sequence[tuple[float, Mapping[str, float]]]) -> None:
     """Raise ``DeviceError`` where two sources differ by more than compasses beside each other do."""
     sources = sorted({source for _, here in means for source in here})
     for first, second in itertools.combinations(sources, 2):
-        ahead = _ahead(means, second, first)
+        ahead = _heading_difference(means, second, first)
         if ahead and abs(ahead.by_deg) > SOURCES_AGREE_DEG + ahead.loose_deg:
             raise DeviceError(
                 "compass",

@@ -7,9 +7,9 @@ says, or axes that are confused. The level of the vehicle is then wrong by that 
 from rig.attitude.kinematics import Attitude, JointAngles, body_attitude, head_rotation
 from rig.errors import DeviceError
 
-LEAST_TILT_DEG = 6.0
-MOST_PLAY_DEG = 2.0
-MOST_PLAY_SHARE = 0.25
+MIN_TILT_DEG = 6.0
+MAX_PLAY_DEG = 2.0
+MAX_PLAY_SHARE = 0.25
 
 
 def require_agreement(base: Attitude, joints: JointAngles, measured_tilt_deg: float, device: str) -> None:
@@ -20,8 +20,8 @@ def require_agreement(base: Attitude, joints: JointAngles, measured_tilt_deg: fl
     level_deg = body_attitude(head_rotation(base, JointAngles(joints.pan_deg, 0.0))).tilt_deg
     expected_deg = body_attitude(head_rotation(base, joints)).tilt_deg - level_deg
     change_deg = measured_tilt_deg - level_deg
-    tolerance_deg = max(MOST_PLAY_DEG, MOST_PLAY_SHARE * abs(expected_deg))
-    if abs(expected_deg) < LEAST_TILT_DEG or abs(change_deg - expected_deg) <= tolerance_deg:
+    tolerance_deg = max(MAX_PLAY_DEG, MAX_PLAY_SHARE * abs(expected_deg))
+    if abs(expected_deg) < MIN_TILT_DEG or abs(change_deg - expected_deg) <= tolerance_deg:
         return
     raise DeviceError(
         device,

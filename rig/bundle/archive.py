@@ -23,7 +23,7 @@ from rig.atomic import sync
 from rig.bundle.limits import ArchiveError
 from rig.bundle.summary import TABLE_COLUMNS, table_rows
 from rig.bundle.unpack import SUMS_NAME, bundles_of_archive, unpack_archive
-from rig.bundle.writer import LEAST_FREE_BYTES, existing_part
+from rig.bundle.writer import MIN_FREE_BYTES, existing_part
 
 __all__ = ["ArchiveError", "bundles_of_archive", "is_archive", "unpack_archive", "write_archive"]
 
@@ -138,7 +138,7 @@ def _require_space(path: Path, bundles: Sequence[Bundle]) -> None:
         for bundle in bundles
         for name in (FILE_NAME, *(f.file for f in bundle.frames))
     ]
-    needed = sum(file.stat().st_size + 1024 for file in files) + LEAST_FREE_BYTES
+    needed = sum(file.stat().st_size + 1024 for file in files) + MIN_FREE_BYTES
     free = shutil.disk_usage(existing_part(path.parent)).free
     if free < needed:
         raise ArchiveError(

@@ -11,18 +11,18 @@ from typing import IO
 from localizer.bundle import is_bundle_id
 from rig.errors import RigError
 
-MOST_MEMBERS = 20_000
-MOST_MEMBER_BYTES = 512_000_000
-MOST_TOTAL_BYTES = 20_000_000_000
-MOST_RATIO = 100
+MAX_MEMBERS = 20_000
+MAX_MEMBER_BYTES = 512_000_000
+MAX_TOTAL_BYTES = 20_000_000_000
+MAX_RATIO = 100
 """Unpacked to packed: pictures are compressed already, and what is packed around them is small."""
 RATIO_FROM_BYTES = 20_000_000
 """Below this nobody minds the ratio: a few small bundles of like content pack well."""
-MOST_AT_ONCE_BYTES = 4_000_000
+MAX_AT_ONCE_BYTES = 4_000_000
 """A header that asks for more at one time (a tar's extended header, a zip's directory) is no archive of ours."""
-MOST_HEADER_BYTES = 65_536
+MAX_HEADER_BYTES = 65_536
 """Of all headers before one file of a tar: names and times have some hundred."""
-MOST_EXTENDED_BYTES = 2_000_000
+MAX_EXTENDED_BYTES = 2_000_000
 """Of all that tar headers hold beyond the plain block of each file; ``rig bundle export`` hardly writes any."""
 LONGEST_NUMBER = 255
 """Digits in a row in a header. ``tarfile`` of Python 3.11 takes a time that grows with their square (CVE-2024-6232), and no
@@ -40,7 +40,7 @@ class Tally:
     """Counts members and bytes of one archive. Each method raises ``ArchiveError`` past a limit."""
 
     def __init__(self, packed_bytes: int) -> None:
-        self.most_bytes = min(MOST_TOTAL_BYTES, max(RATIO_FROM_BYTES, MOST_RATIO * packed_bytes))
+        self.most_bytes = min(MAX_TOTAL_BYTES, max(RATIO_FROM_BYTES, MAX_RATIO * packed_bytes))
         self._members = 0
         self._bytes = 0
         self._names: set[str] = set()
@@ -48,28 +48,28 @@ class Tally:
     def folder(self) -> None:
         """One more folder."""
         self._members += 1
-        if self._members > MOST_MEMBERS:
-            raise ArchiveError(f"holds more than {MOST_MEMBERS} files")
+        if self._members > MAX_MEMBERS:
+            raise ArchiveError(f"holds more than {MAX_MEMBERS} files")
 
     def file(self, name: str, size: int) -> None:
         """One more file, of the size that its header claims; no more than that is read of it."""
         self.folder()
         if size < 0:  # a tar can say so, and would count backwards
             raise ArchiveError(f"its file {name} has {size} bytes")
-        if size > MOST_MEMBER_BYTES:
+        if size > MAX_MEMBER_BYTES:
             raise ArchiveError(
-                f"its file {name} has {size / 1e6:.0f} MB; {MOST_MEMBER_BYTES / 1e6:.0f} is the most"
+                f"its file {name} has {size / 1e6:.0f} MB; {MAX_MEMBER_BYTES / 1e6:.0f} is the most"
             )
         self._bytes += size
         if self._bytes > self.most_bytes:
-            raise ArchiveError(far_too_much(self.most_bytes))
+            raise ArchiveError(compression_problem(self.most_bytes))
         key = name.casefold()  # on a disk that takes both for one, the second would overwrite the first
         if key in self._names:
             raise ArchiveError(f"holds {name} twice, or two names that differ in case only")
         self._names.add(key)
 
 
-def far_too_much(most_bytes: int) -> str:
+def compression_problem(most_bytes: int) -> str:
     """What is wrong with an archive that is packed too well."""
     return f"unpacks to more than {most_bytes / 1e6:.0f} MB, far more than its size explains"
 
@@ -84,12 +84,12 @@ class Slices:
         self._file = file
         self._most_bytes = most_bytes
         self._header_left: int | None = None
-        self._extended_left = MOST_EXTENDED_BYTES
+        self._extended_left = MAX_EXTENDED_BYTES
 
     @contextmanager
     def header(self) -> Iterator[None]:
         """While the context lasts a tar's headers are read: little before one file, and little in all."""
-        self._header_left = MOST_HEADER_BYTES
+        self._header_left = MAX_HEADER_BYTES
         try:
             yield
         finally:
@@ -97,7 +97,7 @@ class Slices:
 
     def _check_header(self, content: bytes) -> None:
         assert self._header_left is not None
-        is_plain_block = self._header_left == MOST_HEADER_BYTES
+        is_plain_block = self._header_left == MAX_HEADER_BYTES
         self._header_left -= len(content)
         self._extended_left -= 0 if is_plain_block else len(content)
         if min(self._header_left, self._extended_left) < 0 or _LONG_NUMBER.search(content):
@@ -105,11 +105,11 @@ class Slices:
 
     def read(self, size: int = -1) -> bytes:
         """As files have it; all that is left only where that is little."""
-        if size > MOST_AT_ONCE_BYTES:
+        if size > MAX_AT_ONCE_BYTES:
             raise ArchiveError("is damaged or no archive: its headers ask for megabytes")
-        content = self._file.read(size if size >= 0 else MOST_AT_ONCE_BYTES)
+        content = self._file.read(size if size >= 0 else MAX_AT_ONCE_BYTES)
         if self._file.tell() > self._most_bytes:
-            raise ArchiveError(far_too_much(self._most_bytes))
+            raise ArchiveError(compression_problem(self._most_bytes))
         if self._header_left is not None:
             self._check_header(content)
         return content
@@ -117,7 +117,7 @@ class Slices:
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
         """As files have it."""
         if whence == os.SEEK_SET and offset > self._most_bytes:
-            raise ArchiveError(far_too_much(self._most_bytes))
+            raise ArchiveError(compression_problem(self._most_bytes))
         return self._file.seek(offset, whence)
 
     def tell(self) -> int:

@@ -12,7 +12,7 @@ from localizer.os_errors import why_not_written
 from localizer.skyline.find import CONFIDENT, ColumnState, Skyline
 from localizer.skyline.upright import Upright, frame_skyline, upright
 from rig.atomic import write_atomically
-from rig.bundle.summary import facts, how_often
+from rig.bundle.summary import bundle_summary, times_text
 from rig.errors import RigError
 
 Image = NDArray[np.uint8]
@@ -89,7 +89,7 @@ def _draw(image: Image, skyline: Skyline, turned: Upright, scale: float) -> None
 
 
 def _header(bundle: Bundle, title: str, width: int) -> Image:
-    found = facts(bundle)
+    found = bundle_summary(bundle)
     known = found["readings"]
     altitude = "no altimeter"
     if bundle.altitude:
@@ -103,7 +103,7 @@ def _header(bundle: Bundle, title: str, width: int) -> Image:
     first = f"{title}  {bundle.id}  {found['rig'] or ''}"
     header = _lines([first, f"{altitude}   {'  '.join(stands)}", biases], width, INK_BGR)
     faults = [
-        f"overcome {how_often(fault['count'])}: {str(fault['device']).split(' on ')[0]}: {fault['problem']}"
+        f"overcome {times_text(fault['count'])}: {str(fault['device']).split(' on ')[0]}: {fault['problem']}"
         for fault in found["faults"][:FAULTS_SHOWN]
     ]
     more = len(found["faults"]) - len(faults)

@@ -8,7 +8,7 @@ from typing import Any
 
 from localizer.bundle import FILE_NAME, Bundle, Frame
 
-Record = dict[str, Any]
+JsonObject = dict[str, Any]
 
 TABLE_COLUMNS = (
     "bundle",
@@ -47,7 +47,7 @@ def _bundles_below(folder: Path) -> Iterator[Path]:
             folders[:] = [name for name in folders if not name.startswith(".")]  # what is being written
 
 
-def facts(bundle: Bundle) -> Record:
+def bundle_summary(bundle: Bundle) -> JsonObject:
     """A bundle in a few JSON values. What its writer left to itself is taken as far as it is what ``rig`` writes."""
     raw, calibration = extra_of(bundle, "raw"), extra_of(bundle, "calibration")
     files = calibration.get("files")
@@ -68,10 +68,10 @@ def facts(bundle: Bundle) -> Record:
     }
 
 
-def readings(bundle: Bundle) -> Record:
+def readings(bundle: Bundle) -> JsonObject:
     """How vehicle and camera stood, each angle by its name; what the bundle's writer did not record is absent."""
     calibration = extra_of(bundle, "calibration")
-    found: Record = {
+    found: JsonObject = {
         "altitude_m": bundle.altitude.value_m if bundle.altitude else None,
         "altitude_sigma_m": bundle.altitude.sigma_m if bundle.altitude else None,
         "heading_deg": _number(_at(calibration, "heading", "heading_deg")),
@@ -95,7 +95,7 @@ def skyline_share(frame: Frame) -> float | None:
     return _number(_at(extra_of(frame, "raw"), "skyline", "share"))
 
 
-def table_rows(bundle: Bundle) -> Iterator[Record]:
+def table_rows(bundle: Bundle) -> Iterator[JsonObject]:
     """A row of ``TABLE_COLUMNS`` for each frame."""
     known = readings(bundle)
     series = _series(extra_of(bundle, "raw")) or {}
@@ -112,7 +112,7 @@ def table_rows(bundle: Bundle) -> Iterator[Record]:
         }
 
 
-def _frame(frame: Frame) -> Record:
+def _frame(frame: Frame) -> JsonObject:
     fields = frame.model_dump(mode="json")
     names = ("label", "time", "azimuth_deg", "azimuth_sigma_deg", "tilt_deg", "tilt_sigma_deg", "roll_deg")
     raw = extra_of(frame, "raw")
@@ -124,7 +124,7 @@ def _frame(frame: Frame) -> Record:
     }
 
 
-def _series(raw: Mapping[str, Any]) -> Record | None:
+def _series(raw: Mapping[str, Any]) -> JsonObject | None:
     """The series that a bundle belongs to."""
     name, number = _text(_at(raw, "series", "id")), _at(raw, "series", "number")
     if name is None or isinstance(number, bool) or not isinstance(number, int):
@@ -132,7 +132,7 @@ def _series(raw: Mapping[str, Any]) -> Record | None:
     return {"id": name, "number": number}
 
 
-def _faults(raw: Mapping[str, Any]) -> list[Record]:
+def _faults(raw: Mapping[str, Any]) -> list[JsonObject]:
     """Faults that were overcome, as ``rig.fault_notes`` notes them."""
     noted = raw.get("faults")
     return [
@@ -174,7 +174,7 @@ def extra_of(part: Bundle | Frame, name: str) -> Mapping[str, Any]:
     return value if isinstance(value, Mapping) else {}
 
 
-def how_often(count: int) -> str:
+def times_text(count: int) -> str:
     """In words."""
     return "once" if count == 1 else f"{count} times"
 

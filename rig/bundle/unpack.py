@@ -23,12 +23,12 @@ from typing import IO, Any, cast
 from localizer.bundle import FILE_NAME, MOST_FRAMES, Bundle, BundleError, load_bundle
 from rig.atomic import sync
 from rig.bundle.limits import ArchiveError, Slices, Tally, checked_name, is_plain
-from rig.bundle.writer import LEAST_FREE_BYTES
+from rig.bundle.writer import MIN_FREE_BYTES
 
 SUMS_NAME = "SHA256SUMS"
-MOST_SUMS_BYTES = 8_000_000
+MAX_SUMS_BYTES = 8_000_000
 CHUNK_BYTES = 1 << 18
-MOST_IN_FOLDER = 2 * MOST_FRAMES
+MAX_IN_FOLDER = 2 * MOST_FRAMES
 STAGING = ".import-"
 
 _DAMAGED = (
@@ -51,12 +51,12 @@ def bundles_of_archive(
     expected: dict[str, str] | None = None,
     *,
     folder: Path | None = None,
-    stray: Callable[[str], None] = lambda name: None,
+    on_unlisted: Callable[[str], None] = lambda name: None,
 ) -> Iterator[Bundle]:
     """The bundles of an archive, each unpacked and checked: into ``folder``, by default one that goes when the next comes.
 
     Every file is held against ``expected`` (checksums by name), by default against those in the archive, after the last
-    bundle: only then all of them are known to be whole. ``stray`` hears of files that no bundle lists; they are not kept.
+    bundle: only then all of them are known to be whole. ``on_unlisted`` hears of files that no bundle lists; they are not kept.
 
     ``ArchiveError`` where it is no archive, is cut off or more than it may be, or a checksum is wrong; ``BundleError`` for a
     bundle that is not valid.
@@ -66,7 +66,7 @@ def bundles_of_archive(
         if folder is None:
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="skyfix-archive-")))
         try:
-            yield from _bundles(path, expected, folder, stays, stray)
+            yield from _bundles(path, expected, folder, stays, on_unlisted)
         except ArchiveError as error:
             raise ArchiveError(f"{path}: {error}") from error
         except BundleError as error:
@@ -75,7 +75,7 @@ def bundles_of_archive(
 
 
 def _bundles(
-    path: Path, expected: dict[str, str] | None, folder: Path, stays: bool, stray: Callable[[str], None]
+    path: Path, expected: dict[str, str] | None, folder: Path, stays: bool, on_unlisted: Callable[[str], None]
 ) -> Iterator[Bundle]:
     sums: dict[str, str] | None = None
     seen: dict[str, str] = {}
@@ -85,12 +85,12 @@ def _bundles(
     for name, stream, size in _members(path):
         top = PurePosixPath(name).parts[0]
         if current is not None and top != current:
-            yield _whole(folder / current, stray)
+            yield _whole(folder / current, on_unlisted)
             if not stays:
                 shutil.rmtree(folder / current)
             current = None
         if name == SUMS_NAME:
-            content = _copied(stream, None, min(size, MOST_SUMS_BYTES + 1))[1]
+            content = _copied(stream, None, min(size, MAX_SUMS_BYTES + 1))[1]
             sums = _parsed_sums(content)
         elif name == top:
             seen[name] = _copied(stream, None, 0)[0]
@@ -101,11 +101,11 @@ def _bundles(
                 current, in_folder = top, 0
                 tops.add(top)
             in_folder += 1
-            if in_folder > MOST_IN_FOLDER:
+            if in_folder > MAX_IN_FOLDER:
                 raise ArchiveError(f"its folder {top} holds more files than any bundle")
             seen[name] = _written(folder, name, stream, size)
     if current is not None:
-        yield _whole(folder / current, stray)
+        yield _whole(folder / current, on_unlisted)
     if sums is None:
         raise ArchiveError(f"has no {SUMS_NAME}: it is cut off, or no archive of rig bundle export")
     sums = sums if expected is None else expected
@@ -114,7 +114,7 @@ def _bundles(
         raise ArchiveError(f"{wrong[0]} is missing, was added or has changed ({len(wrong)} files)")
 
 
-def _whole(folder: Path, stray: Callable[[str], None]) -> Bundle:
+def _whole(folder: Path, on_unlisted: Callable[[str], None]) -> Bundle:
     """The bundle in a folder of ours, without what it does not list."""
     bundle = load_bundle(folder)
     if bundle.id != folder.name:
@@ -125,13 +125,13 @@ def _whole(folder: Path, stray: Callable[[str], None]) -> Bundle:
             if not any(path.iterdir()):
                 path.rmdir()
         elif path not in listed:
-            stray(f"{folder.name}/{path.relative_to(folder)}")
+            on_unlisted(f"{folder.name}/{path.relative_to(folder)}")
             path.unlink()
     return bundle
 
 
 def unpack_archive(
-    path: Path, out_dir: Path, stray: Callable[[str], None] = lambda name: None
+    path: Path, out_dir: Path, on_unlisted: Callable[[str], None] = lambda name: None
 ) -> list[tuple[Path, bool]]:
     """Put an archive's bundles into a folder: where each is, and whether it came now or was there already, the same.
 
@@ -140,7 +140,7 @@ def unpack_archive(
     """
     try:
         with _made(out_dir), _staging(out_dir) as staging:
-            bundles = list(bundles_of_archive(path, folder=staging, stray=stray))
+            bundles = list(bundles_of_archive(path, folder=staging, on_unlisted=on_unlisted))
             found = [(out_dir / bundle.id, _is_free(out_dir / bundle.id, bundle)) for bundle in bundles]
             new = [place for place, is_new in found if is_new]
             for place in new:
@@ -232,7 +232,7 @@ def _locked(folder: Path) -> Iterator[bool]:
 
 def _written(folder: Path, name: str, stream: IO[bytes], size: int) -> str:
     """Write a member; its checksum."""
-    if shutil.disk_usage(folder).free < size + LEAST_FREE_BYTES:
+    if shutil.disk_usage(folder).free < size + MIN_FREE_BYTES:
         raise ArchiveError(f"there is no room in {folder.parent} to unpack it; make some")
     file = folder / name
     try:
@@ -272,8 +272,8 @@ def _damage_named() -> Iterator[None]:
 
 
 def _parsed_sums(content: bytes) -> dict[str, str]:
-    if len(content) > MOST_SUMS_BYTES:
-        raise ArchiveError(f"its {SUMS_NAME} is larger than {MOST_SUMS_BYTES / 1e6:g} MB")
+    if len(content) > MAX_SUMS_BYTES:
+        raise ArchiveError(f"its {SUMS_NAME} is larger than {MAX_SUMS_BYTES / 1e6:g} MB")
     try:
         pairs = [line.split("  ", 1) for line in content.decode().splitlines()]
         return {name: digest for digest, name in pairs}

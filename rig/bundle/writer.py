@@ -20,7 +20,7 @@ from localizer.os_errors import why_not_written
 from rig.atomic import sync
 from rig.errors import RigError
 
-LEAST_FREE_BYTES = 20_000_000
+MIN_FREE_BYTES = 20_000_000
 
 
 class BundleWriteError(RigError):
@@ -69,9 +69,9 @@ def require_writable(folder: Path) -> None:
     if not os.access(existing, os.W_OK | os.X_OK):
         raise BundleWriteError(f"{folder}: no permission to write in {existing}; choose another with --out")
     free_bytes = shutil.disk_usage(existing).free
-    if free_bytes < LEAST_FREE_BYTES:
+    if free_bytes < MIN_FREE_BYTES:
         raise BundleWriteError(
-            f"{folder}: only {free_bytes / 1e6:.1f} MB are free, a bundle may need {LEAST_FREE_BYTES / 1e6:.0f}; "
+            f"{folder}: only {free_bytes / 1e6:.1f} MB are free, a bundle may need {MIN_FREE_BYTES / 1e6:.0f}; "
             "make room, or choose another with --out"
         )
 

@@ -23,7 +23,7 @@ from rig.config.model import RigConfig, with_calibrations
 from rig.config.sections import InclinometerSection
 from rig.devices.readings import HeadingReading
 
-Record = dict[str, Any]
+JsonObject = dict[str, Any]
 
 
 def recalibrate(directory: Path, calibrations: Sequence[AppliedCalibration], out_dir: Path) -> Path:
@@ -67,7 +67,7 @@ def recorded_config(bundle: Bundle) -> RigConfig:
     return with_calibrations(config, recorded_calibrations(calibration.get("files", {})))
 
 
-def recorded_calibrations(files: Record) -> list[AppliedCalibration]:
+def recorded_calibrations(files: JsonObject) -> list[AppliedCalibration]:
     """The calibrations that a bundle was taken with."""
     return [
         AppliedCalibration(
@@ -79,7 +79,7 @@ def recorded_calibrations(files: Record) -> list[AppliedCalibration]:
 
 def _measurement(bundle: Bundle, config: RigConfig) -> Measurement:
     extra = bundle.model_extra or {}
-    raw: Record = extra["raw"]
+    raw: JsonObject = extra["raw"]
     shots = [_shot_of(bundle, frame, config) for frame in bundle.frames]
     stops = [_stop(record, config) for record in raw["stops"]]
     base_estimate = estimate_base(config, stops, raw["compass"], [shot.stop for shot in shots])
@@ -101,7 +101,7 @@ def _measurement(bundle: Bundle, config: RigConfig) -> Measurement:
 
 
 def _shot_of(bundle: Bundle, frame: Frame, config: RigConfig) -> derive.Shot:
-    raw: Record = (frame.model_extra or {})["raw"]
+    raw: JsonObject = (frame.model_extra or {})["raw"]
     after = _joints(raw["ticks"], config)
     before = _joints(raw["ticks_before"] if "ticks_before" in raw else raw["ticks"], config)
     joints = JointAngles((before.pan_deg + after.pan_deg) / 2.0, (before.tilt_deg + after.tilt_deg) / 2.0)
@@ -109,11 +109,11 @@ def _shot_of(bundle: Bundle, frame: Frame, config: RigConfig) -> derive.Shot:
     return derive.Shot(frame.label, frame_image(bundle, frame), frame.time, stop, raw)
 
 
-def _stop(record: Record, config: RigConfig) -> Stop:
+def _stop(record: JsonObject, config: RigConfig) -> Stop:
     return _read_at(record, _joints(record["ticks"], config), datetime.fromisoformat(record["time"]), config)
 
 
-def _read_at(record: Record, joints: JointAngles, time: datetime, config: RigConfig) -> Stop:
+def _read_at(record: JsonObject, joints: JointAngles, time: datetime, config: RigConfig) -> Stop:
     """What was read at a stop or at a picture. Bundles of old have no compass in the latter."""
     field = None
     if "field_ut" in record:
@@ -141,7 +141,7 @@ def _read_at(record: Record, joints: JointAngles, time: datetime, config: RigCon
     return Stop((pan, tilt), joints, level, field, headings, time)
 
 
-def _level(record: Record, section: InclinometerSection) -> HeadLevel:
+def _level(record: JsonObject, section: InclinometerSection) -> HeadLevel:
     """The head's level from the average that the chip gave, without its errors as they are known now."""
     level = HeadLevel(**{**record, "mean_g": _triple(record["mean_g"])})
     measured = np.array([level.mean_g])
@@ -153,7 +153,7 @@ def _level(record: Record, section: InclinometerSection) -> HeadLevel:
     return replace(level, tilt_deg=float(tilt_deg[0]), roll_deg=float(roll_deg[0]))
 
 
-def _pressure(record: Record) -> MeanPressure:
+def _pressure(record: JsonObject) -> MeanPressure:
     return MeanPressure(
         record["device"],
         datetime.fromisoformat(record["time"]),

@@ -14,7 +14,7 @@ import numpy as np
 from rig import clock
 from rig.attitude.accelerometer import AccelerometerCorrection
 from rig.attitude.altitude import PressureReference, metres_per_hpa, plausible_altitude_m
-from rig.attitude.altitude_plausibility import AltitudeBounds, bounds_by_reference, require_possible
+from rig.attitude.altitude_plausibility import AltitudeBounds, bounds_by_reference, require_plausible_altitude
 from rig.attitude.level import HeadLevel, head_level
 from rig.config.sections import AltimeterSection, InclinometerSection
 from rig.devices.bus.deadline import Deadline
@@ -30,7 +30,7 @@ DRIFT_SIGMAS = 3.0
 ALTIMETER_AVERAGE_S = 0.5
 NUDGED_TICKS = 4
 TWO_PRESSURES_HPA = 3.0  # 25 m of altitude, within half a second
-MOST_DRIFT_M = 150.0  # from a deep low to a strong high
+MAX_DRIFT_M = 150.0  # from a deep low to a strong high
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ def read_altitude(
     mean = read_pressure(altimeter, ALTIMETER_AVERAGE_S)
     read = altitude_from(mean, section)
     known = bounds_by_reference(section) if bounds is None else bounds
-    require_possible(read.altitude_m, mean.pressure_hpa, section, mean.device, known)
+    require_plausible_altitude(read.altitude_m, mean.pressure_hpa, section, mean.device, known)
     return read
 
 
@@ -177,7 +177,7 @@ def altitude_from(mean: MeanPressure, section: AltimeterSection) -> AltitudeRead
                 mean.device, wrong, "the age of its reference is not known: as unsure as the weather goes"
             )
         hours = abs((mean.utc - section.reference_time).total_seconds()) / 3600.0
-        drift_m = min(section.drift_m_h * hours, MOST_DRIFT_M)
+        drift_m = min(section.drift_m_h * hours, MAX_DRIFT_M)
     return AltitudeReading(
         plausible_altitude_m(mean.pressure_hpa, reference, mean.device),
         math.hypot(section.sigma_m, noise_m, rounding_m, drift_m),

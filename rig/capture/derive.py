@@ -16,7 +16,7 @@ from rig.bundle.writer import FrameRecord
 from rig.capture.base_attitude import BaseEstimate, Stop
 from rig.config.model import RigConfig
 
-MOST_SIGMA_DEG = 180.0
+MAX_SIGMA_DEG = 180.0
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ def pointing(base_estimate: BaseEstimate, joints: JointAngles, level: HeadLevel,
 def azimuth_bias_sigma_deg(config: RigConfig, base_estimate: BaseEstimate) -> float:
     """Of the error that all azimuths share: heading, and how the camera sits in the head."""
     both_deg = math.hypot(base_estimate.heading.sigma_deg, config.camera.boresight_azimuth_sigma_deg)
-    return min(both_deg, MOST_SIGMA_DEG)
+    return min(both_deg, MAX_SIGMA_DEG)
 
 
 def tilt_bias_sigma_deg(config: RigConfig, base_estimate: BaseEstimate) -> float:

@@ -10,7 +10,7 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeEl
 from rig import event_bus
 
 
-class Reporter(Protocol):
+class ProgressReporter(Protocol):
     """Takes what is going on (``doing``) and what has been done (``done``), each a short sentence."""
 
     def doing(self, what: str) -> None:
@@ -22,10 +22,10 @@ class Reporter(Protocol):
         ...
 
 
-class Published:
+class PublishingReporter:
     """A reporter that also tells the telemetry."""
 
-    def __init__(self, report: Reporter) -> None:
+    def __init__(self, report: ProgressReporter) -> None:
         self._report = report
 
     def doing(self, what: str) -> None:
@@ -64,7 +64,7 @@ class _Bar:
 
 
 @contextmanager
-def reporting(steps: int) -> Iterator[Reporter]:
+def console_progress(steps: int) -> Iterator[ProgressReporter]:
     """A reporter for so many steps."""
     console = Console(stderr=True)
     if not console.is_terminal:

@@ -33,7 +33,7 @@ from rig.capture.base_attitude import (
 from rig.capture.pictures.framing import confident_fraction, state_counts, tilt_correction_deg
 from rig.capture.pictures.quality import Seen
 from rig.capture.pictures.take import seen_at, take_pictures
-from rig.capture.progress import Published, Reporter
+from rig.capture.progress import ProgressReporter, PublishingReporter
 from rig.config.directions import Direction
 from rig.config.model import RigConfig
 from rig.devices.bus.retry import retry
@@ -46,7 +46,7 @@ from rig.fault_notes import collecting, note_fault
 if TYPE_CHECKING:
     from localizer.dem.lattice import Dem
 
-MOST_VIEWS = 5
+MAX_VIEWS = 5
 SEARCH_TILT_DEG = 15.0
 ASIDE_DEG = 5.0  # how far from its direction a frame may be taken where the pan does not reach quite round
 PLAY_DEG = 0.5
@@ -76,23 +76,23 @@ def capture(
     config: RigConfig,
     directions: Sequence[Direction],
     out_dir: Path,
-    report: Reporter,
+    report: ProgressReporter,
     remarks: Mapping[str, Any] | None = None,
     *,
     park: bool = False,
-    spare: bool = False,
+    skip_failed_sensors: bool = False,
     dem: "Dem | None" = None,
 ) -> Path:
     """Take a bundle into ``out_dir`` and return its directory. ``remarks`` (JSON values) go into its ``raw``.
 
-    With ``park`` the head goes to its parking place before it is let go, with ``spare`` the capture does without a compass
-    or an altimeter that cannot be opened. An altitude that the ground of ``dem`` cannot have is refused.
+    With ``park`` the head moves to its parking position before the torque goes off. With ``skip_failed_sensors`` a
+    compass or an altimeter that cannot be opened is left out. An altitude that is impossible over ``dem`` is refused.
 
     Whatever happens, an interruption too, the head is left without torque and no incomplete bundle behind.
     Raises ``DeviceError``, ``GoalError`` or ``ConfigError`` as the parts do, ``BundleWriteError`` where the
     bundle cannot be written, ``CaptureError`` where no frame shows a skyline.
     """
-    report = Published(report)
+    report = PublishingReporter(report)
     require_writable(out_dir)
     clock.begin_session()
     report.doing("connecting")
@@ -101,7 +101,7 @@ def capture(
             if wrong := clock.problem():
                 note_fault("wall clock", wrong, "times in this bundle are as wrong; the measurement is not")
                 report.done(f"{wrong}: times in this bundle are as wrong; set it")
-            with connect(config, spare=spare) as rig:
+            with connect(config, skip_failed_sensors=skip_failed_sensors) as rig:
                 measurement = (
                     measure_and_park(rig, directions, report, dem)
                     if park
@@ -123,7 +123,7 @@ def capture(
 
 
 def measure_and_park(
-    rig: Rig, directions: Sequence[Direction], report: Reporter, dem: "Dem | None" = None
+    rig: Rig, directions: Sequence[Direction], report: ProgressReporter, dem: "Dem | None" = None
 ) -> Measurement:
     """As ``measure``, and the head goes to its parking place, after a failure too.
 
@@ -138,7 +138,7 @@ def measure_and_park(
     return measurement
 
 
-def _park(rig: Rig, report: Reporter) -> None:
+def _park(rig: Rig, report: ProgressReporter) -> None:
     section = rig.config.pan_tilt
     report.doing("parking")
     try:
@@ -148,7 +148,7 @@ def _park(rig: Rig, report: Reporter) -> None:
 
 
 def measure(
-    rig: Rig, directions: Sequence[Direction], report: Reporter, dem: "Dem | None" = None
+    rig: Rig, directions: Sequence[Direction], report: ProgressReporter, dem: "Dem | None" = None
 ) -> Measurement:
     """Everything that goes into a bundle, frames in the order of ``directions``.
 
@@ -235,13 +235,13 @@ def aim_and_take(
     ``seen`` are the views before this one, in whichever direction; those of this one are added to it.
 
     Begins at tilt 0. Where the picture shows no skyline at all, looks higher and lower once each. After
-    ``MOST_VIEWS`` views, or where the head does not tilt further, the view with most skyline is taken.
+    ``MAX_VIEWS`` views, or where the head does not tilt further, the view with most skyline is taken.
     """
     seen = [] if seen is None else seen
     tilts_to_search = [SEARCH_TILT_DEG, -SEARCH_TILT_DEG]
     tilt_deg = 0.0
     views: list[View] = []
-    while len(views) < MOST_VIEWS:
+    while len(views) < MAX_VIEWS:
         try:
             joints = nearest_reachable_joints(direction.azimuth_deg, tilt_deg, base_estimate.attitude, head)
         except GoalError:

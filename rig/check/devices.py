@@ -33,7 +33,7 @@ from rig.config.sections import (
     Place,
 )
 from rig.devices.bus.retry import retry
-from rig.devices.bus.serial_port import MOST_LATENCY_MS
+from rig.devices.bus.serial_port import MAX_LATENCY_MS
 from rig.devices.camera.driver import Camera
 from rig.devices.connect import open_altimeter, open_compass, open_inclinometer, open_pan_tilt
 from rig.devices.dynamixel.scan import scan_hint
@@ -146,7 +146,7 @@ def check_pan_tilt(section: PanTiltSection) -> DeviceCheck:
 
 def _latency_hints(port: str) -> Sequence[str]:
     latency_ms = sysfs.serial_latency_ms(port)
-    if latency_ms is None or latency_ms <= MOST_LATENCY_MS:
+    if latency_ms is None or latency_ms <= MAX_LATENCY_MS:
         return ()
     file = sysfs.serial_latency_file(port)
     return (

@@ -7,7 +7,7 @@ import click
 
 from localizer.bundle import load_bundle
 from localizer.commands.command_line import OutputFolder
-from rig.bundle.summary import facts
+from rig.bundle.summary import bundle_summary
 from rig.commands.bundle_export import export, import_
 from rig.commands.bundle_inspect import json_option, list_, show, verify
 from rig.commands.options import config_option
@@ -63,7 +63,7 @@ def recalibrate(
             raise click.UsageError(f"{file} names no calibration; give --calibration FILE.")
     path = derive_anew(directory, calibrations, out_dir or directory.resolve().parent)
     click.echo(f"with {', '.join(each.document.id for each in calibrations)}", err=True)
-    click.echo(json.dumps(facts(load_bundle(path))) if as_json else path)
+    click.echo(json.dumps(bundle_summary(load_bundle(path))) if as_json else path)
 
 
 for _command in (list_, show, verify, export, import_):

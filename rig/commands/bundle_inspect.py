@@ -12,7 +12,14 @@ import click
 from localizer.bundle import Bundle, BundleError, load_bundle
 from localizer.os_errors import meant_instead
 from rig.bundle.archive import ArchiveError, bundles_of_archive, is_archive
-from rig.bundle.summary import TABLE_COLUMNS, bundles_in, facts, how_often, table_rows, to_the_second
+from rig.bundle.summary import (
+    TABLE_COLUMNS,
+    bundle_summary,
+    bundles_in,
+    table_rows,
+    times_text,
+    to_the_second,
+)
 from rig.commands.options import folders_argument
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
@@ -69,7 +76,7 @@ def list_(folders: tuple[Path, ...], as_json: bool, as_csv: bool) -> int:
         if isinstance(result, BundleError):
             found.append({"number": number, "id": path.name, "directory": str(path), "problem": str(result)})
         else:
-            found.append({"number": number, **facts(result), "problem": None})
+            found.append({"number": number, **bundle_summary(result), "problem": None})
     for each in found:
         click.echo(json.dumps(each) if as_json else _row(each))
     return 2 if problems else 0
@@ -108,7 +115,7 @@ def show(directory: Path, as_json: bool, picture: Path | None) -> None:
       rig bundle show bundles/20261124T060000Z-3f9a --picture look.png
     """
     bundle = load_bundle(directory)
-    found = facts(bundle)
+    found = bundle_summary(bundle)
     if picture is not None:
         from rig.bundle.preview import write_preview  # it is slow to import
 
@@ -150,7 +157,7 @@ def _shown(found: dict[str, Any]) -> str:
     if found["recalibrated_from"]:
         lines.append(f"  recalibrated from {found['recalibrated_from']}")
     lines += [
-        f"  overcome: {fault['device']}: {fault['problem']}; {fault['action']} ({how_often(fault['count'])})"
+        f"  overcome: {fault['device']}: {fault['problem']}; {fault['action']} ({times_text(fault['count'])})"
         for fault in found["faults"]
     ]
     return "\n".join(lines)
@@ -187,7 +194,7 @@ def _verified(paths: tuple[Path, ...]) -> Iterator[tuple[str, str | None]]:
         try:
             if is_archive(path):
                 strays: list[str] = []
-                for bundle in bundles_of_archive(path, stray=strays.append):
+                for bundle in bundles_of_archive(path, on_unlisted=strays.append):
                     yield f"{path}: {bundle.id}", None
                 if strays:
                     yield (

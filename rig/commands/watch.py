@@ -95,7 +95,7 @@ def watch(
 
         try:
             if once or not table:
-                watcher.wait_heard(min(HEARD_S, end_s - time.monotonic()))
+                watcher.wait_first_readings(min(HEARD_S, end_s - time.monotonic()))
             if once:
                 say(show())
             elif table:

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 ROSE = ("N", "NNE", "NE", "ENE", "E", "ESE", "SE", "SSE", "S", "SSW", "SW", "WSW", "W", "WNW", "NW", "NNW")
-LEAST_APART_DEG = 1.0
+MIN_APART_DEG = 1.0
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ def parse_directions(names: list[str]) -> list[Direction]:
     for i, one in enumerate(directions):
         for other in directions[:i]:
             apart = abs((one.azimuth_deg - other.azimuth_deg + 180.0) % 360.0 - 180.0)
-            if apart < LEAST_APART_DEG:
+            if apart < MIN_APART_DEG:
                 raise ValueError(f"{names[i].strip()!r} is given twice (also as {other.label})")
     return directions
 

@@ -51,8 +51,8 @@ def load_config(path: Path) -> RigConfig:
         raise ConfigError(
             f"{path}: {joined([wrong_value(each, tables) for each in error.errors()])}"
         ) from error
-    rig = config.rig.beside(path.parent)
-    run = config.run.beside(path.parent) if config.run else None
+    rig = config.rig.resolved_against(path.parent)
+    run = config.run.resolved_against(path.parent) if config.run else None
     config = config.model_copy(update={"rig": rig, "run": run})
     files = [
         (kind, path.parent / file)

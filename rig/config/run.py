@@ -169,7 +169,7 @@ class RunSection(Section):
             self.dem_geoid_offset_m,
         )
 
-    def beside(self, folder: Path) -> "RunSection":
+    def resolved_against(self, folder: Path) -> "RunSection":
         """The same with relative paths taken from ``folder``."""
         http = self.http
         if http is not None and http.token_file is not None:
@@ -185,7 +185,7 @@ class RunSection(Section):
         )
 
 
-def control_in_bad(path: Path) -> Path | None:
+def control_socket_of_invalid_config(path: Path) -> Path | None:
     """The control socket that a configuration names which is bad elsewhere; None where it is bad in this, too.
 
     A daemon that has refused it goes on with the one before, and whoever wants to know why has to reach it.
@@ -195,7 +195,7 @@ def control_in_bad(path: Path) -> Path | None:
         told = {"control": named["control"]} if "control" in named else {}
         if "dir" in named.get("spool", {}):
             told["spool"] = {"dir": named["spool"]["dir"]}
-        return RunSection.model_validate({"dem": ["any"], **told}).beside(path.parent).control
+        return RunSection.model_validate({"dem": ["any"], **told}).resolved_against(path.parent).control
     except (
         OSError,
         DocumentError,

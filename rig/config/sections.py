@@ -15,7 +15,7 @@ from rig.config.i2c_names import checked_bus
 from rig.config.run import RunSection
 from rig.config.section import Section
 
-MOST_SOFT_IRON = 0.5
+MAX_SOFT_IRON = 0.5
 
 Rows = tuple[tuple[float, float, float], ...]
 
@@ -34,7 +34,7 @@ def _signed_axes(axes: tuple[str, str, str]) -> tuple[str, str, str]:
 
 def _near_identity(rows: Rows) -> Rows:
     off = max(abs(value - (i == j)) for i, row in enumerate(rows) for j, value in enumerate(row))
-    if off > MOST_SOFT_IRON:
+    if off > MAX_SOFT_IRON:
         raise ValueError(f"three rows of three, close to the identity; one value is {off:.2f} off")
     return rows
 
@@ -64,7 +64,7 @@ class RigSection(Section):
     bundle_dir: Path = Field(default=Path("bundles"), strict=False)
     telemetry_dir: OptionalPath = None
 
-    def beside(self, folder: Path) -> "RigSection":
+    def resolved_against(self, folder: Path) -> "RigSection":
         """The same with relative paths taken from ``folder``."""
         telemetry_dir = folder / self.telemetry_dir if self.telemetry_dir else None
         return self.model_copy(

@@ -8,7 +8,8 @@ import structlog
 
 from rig.capture.sequence import capture
 from rig.config.model import RigConfig
-from rig.daemon.device_monitor import DeviceLocks, DeviceMonitor
+from rig.daemon.device_locks import DeviceLocks
+from rig.daemon.device_monitor import DeviceMonitor
 from rig.daemon.odometry.receiver import Odometer
 from rig.daemon.signals import Signals, StopRequestedError
 from rig.daemon.spool.store import Spool, SpoolError, SpoolFullError
@@ -58,14 +59,14 @@ class Captures:
         """The new bundle's id; None where there is none, and then the board and the log say why."""
         begun_s = time.monotonic()
         try:
-            with self._signals.shielded():
+            with self._signals.deferring_stop():
                 self._make_room()
                 self._note(source, begun_s)
         except SpoolError as error:
             self._ended("refused", source, str(error))
             return None
         self._state.set_activity("capturing")
-        self._state.tell("capture", stage="begun", trigger=source)
+        self._state.emit("capture", stage="begun", trigger=source)
         reason: str | None = None
         try:
             with self._device_locks.all():
@@ -75,26 +76,26 @@ class Captures:
                     self._spool.bundles_dir,
                     _Steps(beat),
                     park=True,
-                    spare=True,
+                    skip_failed_sensors=True,
                 )
         except RigError as error:
             reason = str(error)
         except StopRequestedError:
-            self._make_safe(source)
+            self._ensure_safe_state(source)
             raise
-        with self._signals.shielded():
-            bundle = self._take_in()
+        with self._signals.deferring_stop():
+            bundle = self._register_bundle()
             if bundle is None:
                 if self._odometer:
                     self._odometer.undo_capture()
                 self._ended("failed", source, reason or "no bundle was left")
-                self._watch.soon()
+                self._watch.probe_now()
             else:
                 if self._odometer:
                     self._odometer.keep()
-                self._watch.worked()
+                self._watch.capture_succeeded()
                 self._state.count("captures done")
-                self._state.tell("capture", stage="done", trigger=source, bundle=bundle)
+                self._state.emit("capture", stage="done", trigger=source, bundle=bundle)
                 _log.info(
                     "captured", bundle=bundle, trigger=source, seconds=round(time.monotonic() - begun_s, 1)
                 )
@@ -121,32 +122,32 @@ class Captures:
             self._state.count("bundles deleted")
             _log.info("deleted for the quota", bundle=bundle)
 
-    def _take_in(self) -> str | None:
+    def _register_bundle(self) -> str | None:
         try:
             return self._spool.end_capture()
         except SpoolError as error:  # the folder has it; the next look at the spool takes it in
             _log.error("spool fails", problem=str(error))
             if self._odometer:  # from this capture or from the one before?
-                self._odometer.lose()
+                self._odometer.mark_unknown()
             return None
 
     def _ended(self, stage: str, source: TriggerSource, reason: str, level: int = logging.ERROR) -> None:
         self._state.count(f"captures {stage}")
-        self._state.tell("capture", stage=stage, trigger=source, reason=reason)
+        self._state.emit("capture", stage=stage, trigger=source, reason=reason)
         _log.log(level, f"capture {stage}", trigger=source, reason=reason)
 
     def interrupted(self, source: TriggerSource) -> None:
         """Say that there is no bundle, for the daemon ends; that was asked for, and is no error."""
         self._ended("interrupted", source, "the daemon ends", logging.WARNING)
 
-    def _make_safe(self, source: TriggerSource) -> None:
+    def _ensure_safe_state(self, source: TriggerSource) -> None:
         """The stop came at any moment: see to it that the head is let go, and that a bundle that is complete is known."""
         try:
             with open_pan_tilt(self._config.pan_tilt):
                 pass
         except RigError as error:
             _log.error("head may be held", problem=str(error))
-        bundle = self._take_in()
+        bundle = self._register_bundle()
         if bundle is None:
             self.interrupted(source)
         else:

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from localizer.documents import DocumentError, json_values
-from rig.daemon.readiness import reason
+from rig.daemon.readiness import why_not_ready_in_full
 from rig.daemon.state import Actions, DaemonState
 from rig.daemon.status import status_json
 from rig.errors import RigError
@@ -29,9 +29,9 @@ _log = logging.getLogger(__name__)
 
 LONGEST_REQUEST = 4096
 LONGEST_ANSWER = 8_000_000
-CLIENT_S = 2.0
+CLIENT_TIMEOUT_S = 2.0
 """Whoever connects has said what he wants and taken the answer within this time, however he spreads it."""
-MOST_CLIENTS = 16
+MAX_CLIENTS = 16
 """The one that has been there the longest goes when another comes: it has had more time than an honest one needs."""
 BACKLOG = 128
 """So many may come at once and wait to be taken in."""
@@ -47,8 +47,8 @@ class ControlError(RigError):
 class _Client:
     socket: socket.socket
     until_s: float
-    heard: bytearray = field(default_factory=bytearray)
-    to_say: bytes | None = None
+    received: bytearray = field(default_factory=bytearray)
+    reply: bytes | None = None
     """None while it has not asked."""
 
 
@@ -66,7 +66,7 @@ class ControlSocket:
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            _take_away_old(path)
+            _remove_stale_socket(path)
             self._socket.bind(str(path))
             path.chmod(0o660)
             self._socket.listen(BACKLOG)
@@ -109,10 +109,10 @@ class ControlSocket:
                 _log.warning("control: a client could not be taken in: %s", error.strerror)
                 stop.wait(POLL_S)
                 return
-            if len(self._clients) >= MOST_CLIENTS:
+            if len(self._clients) >= MAX_CLIENTS:
                 self._drop(selector, min(self._clients.values(), key=lambda client: client.until_s))
             accepted.setblocking(False)
-            client = _Client(accepted, time.monotonic() + CLIENT_S)
+            client = _Client(accepted, time.monotonic() + CLIENT_TIMEOUT_S)
             self._clients[accepted.fileno()] = client
             selector.register(accepted, selectors.EVENT_READ)
             self._serve(
@@ -122,19 +122,19 @@ class ControlSocket:
     def _serve(self, selector: selectors.BaseSelector, client: _Client) -> None:
         """One step: hear more of the question, or say more of the answer."""
         try:
-            if client.to_say is None:
+            if client.reply is None:
                 part = client.socket.recv(LONGEST_REQUEST)
-                client.heard += part
-                if part and b"\n" not in part and len(client.heard) < LONGEST_REQUEST:
+                client.received += part
+                if part and b"\n" not in part and len(client.received) < LONGEST_REQUEST:
                     return
-                client.to_say = json.dumps(self._answer(bytes(client.heard))).encode() + b"\n"
+                client.reply = json.dumps(self._answer(bytes(client.received))).encode() + b"\n"
                 selector.modify(client.socket, selectors.EVENT_WRITE)
-            client.to_say = client.to_say[client.socket.send(client.to_say) :]
+            client.reply = client.reply[client.socket.send(client.reply) :]
         except (BlockingIOError, InterruptedError):
             return
         except OSError:  # a client that goes away has no use for an answer
-            client.to_say = b""
-        if not client.to_say:
+            client.reply = b""
+        if not client.reply:
             self._drop(selector, client)
 
     def _drop(self, selector: selectors.BaseSelector, client: _Client) -> None:
@@ -145,20 +145,20 @@ class ControlSocket:
     def _answer(self, line: bytes) -> dict[str, Any]:
         try:
             request = json_values(line.split(b"\n", 1)[0], LONGEST_REQUEST)
-            wish = request["do"]
+            request = request["do"]
         except (DocumentError, TypeError, KeyError):
             return {"error": 'give one line of JSON, {"do": "trigger"} or {"do": "status"}'}
-        match wish:
+        match request:
             case "trigger":
                 answer = self._actions.trigger("command")
-                why = {"why": reason(self._state)} if answer == "not ready" else {}
+                why = {"why": why_not_ready_in_full(self._state)} if answer == "not ready" else {}
                 return {"answer": answer, **why}
             case "status":
                 return status_json(self._state.snapshot())
-        return {"error": f"cannot do {wish!r}, only trigger and status"}
+        return {"error": f"cannot do {request!r}, only trigger and status"}
 
 
-def _take_away_old(path: Path) -> None:
+def _remove_stale_socket(path: Path) -> None:
     """The socket of a daemon that was killed: the spool's lock says that there is no other. Nothing else is taken away."""
     with suppress(FileNotFoundError):
         if not stat.S_ISSOCK(path.lstat().st_mode):
@@ -179,7 +179,7 @@ def _connect(daemon: socket.socket, path: Path, until_s: float) -> None:
             return
 
 
-def ask(path: Path, wish: str, timeout_s: float = 10.0) -> dict[str, Any]:
+def ask(path: Path, request: str, timeout_s: float = 10.0) -> dict[str, Any]:
     """What the daemon answers. ``ControlError`` where none listens at ``path``, or it does not answer in time."""
     until_s = time.monotonic() + timeout_s
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as daemon:
@@ -187,7 +187,7 @@ def ask(path: Path, wish: str, timeout_s: float = 10.0) -> dict[str, Any]:
         line = b""
         try:
             _connect(daemon, path, until_s)
-            daemon.sendall(json.dumps({"do": wish}).encode() + b"\n")
+            daemon.sendall(json.dumps({"do": request}).encode() + b"\n")
             while b"\n" not in line and len(line) <= LONGEST_ANSWER:
                 daemon.settimeout(max(0.001, until_s - time.monotonic()))
                 part = daemon.recv(1 << 16)

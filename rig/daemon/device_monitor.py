@@ -2,58 +2,24 @@
 
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import structlog
 
 from rig.config.model import RigConfig
-from rig.daemon.readiness import NEEDED, obstacle
+from rig.daemon.device_locks import ALL, DeviceLocks
+from rig.daemon.readiness import NEEDED
 from rig.daemon.servo_restarts import ServoRestarts, restart_servos
 from rig.daemon.state import DaemonState
 from rig.errors import RigError
 from rig.watch.sources import Opener, sources_of
 
-__all__ = ["DeviceLocks", "DeviceMonitor", "all_tried", "next_wait_s", "note_device", "obstacle"]
+__all__ = ["DeviceMonitor", "all_tried", "next_wait_s", "note_device"]
 
 _log = structlog.get_logger(__name__)
 
-ALL = ("head", "inclinometer", "compass", "altimeter", "camera")
 POLL_S = 0.25
-
-
-class DeviceLocks:
-    """Who may use which device: one at a time. A capture takes all of them, and others let go when one is wanted."""
-
-    def __init__(self) -> None:
-        self._locks = {name: threading.Lock() for name in ALL}
-        self._wanted = threading.Event()
-
-    @contextmanager
-    def one(self, name: str) -> Iterator[None]:
-        """Use one device; not to be held for longer than it takes to read it once ``wanted``."""
-        while self._wanted.is_set():
-            time.sleep(POLL_S)
-        with self._locks[name]:
-            yield
-
-    @property
-    def wanted(self) -> bool:
-        """Whether a capture waits for the devices, or has them."""
-        return self._wanted.is_set()
-
-    @contextmanager
-    def all(self) -> Iterator[None]:
-        """Use all of them, as soon as the others have let go."""
-        self._wanted.set()
-        try:
-            with ExitStack() as stack:
-                for name in ALL:
-                    stack.enter_context(self._locks[name])
-                yield
-        finally:
-            self._wanted.clear()
 
 
 @dataclass
@@ -71,18 +37,18 @@ class DeviceMonitor:
         config: RigConfig,
         daemon_state: DaemonState,
         device_locks: DeviceLocks,
-        besides: tuple[str, ...] = (),
+        excluded: tuple[str, ...] = (),
         openers: Mapping[str, Opener] | None = None,
         restarts: ServoRestarts | None = None,
     ) -> None:
-        """``besides`` are devices that somebody else watches."""
+        """``excluded`` are devices that somebody else watches."""
         assert config.run
         self._run = config.run
         self._state = daemon_state
         self._device_locks = device_locks
         openers = sources_of(config) if openers is None else openers
         self._restarts = restarts or ServoRestarts(lambda: restart_servos(config.pan_tilt))
-        self._devices = {name: _Device(opener) for name, opener in openers.items() if name not in besides}
+        self._devices = {name: _Device(opener) for name, opener in openers.items() if name not in excluded}
         for name in ALL:
             if name in openers:
                 daemon_state.set_device(name, "connecting", "")
@@ -100,14 +66,14 @@ class DeviceMonitor:
                     beat()
             stop.wait(POLL_S)
 
-    def soon(self) -> None:
+    def probe_now(self) -> None:
         """Probe everything at the next opportunity: something has failed."""
         for device in self._devices.values():
             device.due_s = 0.0
 
-    def worked(self) -> None:
+    def capture_succeeded(self) -> None:
         """A capture has just used what it needs: nothing is due."""
-        self._restarts.worked()
+        self._restarts.capture_succeeded()
         due_s = time.monotonic() + self._run.check_every_s
         for name, device in self._devices.items():
             if name in NEEDED:
@@ -120,21 +86,21 @@ class DeviceMonitor:
                     reading = source.read()
                 warnings = "; ".join(reading.warnings)
                 if name == "head" and warnings:  # of a hardware error: it will not move
-                    self._hindered(device, warnings)
+                    self._on_hardware_error(device, warnings)
                     return
         except RigError as error:
             self._failed(name, device, str(error))
             return
         if name == "head":
-            self._restarts.fine()
+            self._restarts.healthy()
         device.wait_s = 0.0
         device.due_s = time.monotonic() + self._run.check_every_s
         note_device(
             self._state, name, None, f"{source.identity}; {warnings}" if warnings else source.identity
         )
 
-    def _hindered(self, device: _Device, errors: str) -> None:
-        restarted = self._restarts.hindered()
+    def _on_hardware_error(self, device: _Device, errors: str) -> None:
+        restarted = self._restarts.hardware_error_seen()
         if restarted:
             self._state.count("servo restarts", len(restarted))
             device.wait_s = 0.0

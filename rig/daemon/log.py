@@ -1,4 +1,4 @@
-"""The daemon's log: one line an event, with its values as ``key=value``, on standard error. The same line rate_limit (``seldom``).
+"""The daemon's log: one line an event on standard error, values as ``key=value``; repeated lines are rate-limited.
 
 Under systemd (``JOURNAL_STREAM`` names standard error) each line begins with its priority, ``<6>`` and the like, and the
 journal knows the time; elsewhere it begins with the time. What other modules log in sentences comes out in the same form.
@@ -71,7 +71,7 @@ class _ToDaemonState(logging.Handler):
         self.setFormatter(_formatter([_line]))
 
     def emit(self, record: logging.LogRecord) -> None:
-        self._state.tell("log", level=record.levelname.lower(), text=self.format(record))
+        self._state.emit("log", level=record.levelname.lower(), text=self.format(record))
 
 
 def _formatter(last: list[structlog.typing.Processor]) -> logging.Formatter:

@@ -16,7 +16,7 @@ FIRST, EVERY_S = 10, 60.0
 """Of a warning or an error so many are written at once, then one in so long, with the number of those that were left out."""
 FIRST_NOTES, EVERY_NOTE_S = 60, 2.0
 """Of what only tells how things go."""
-MOST_KINDS = 256
+MAX_KINDS = 256
 WHOSE = ("device", "name", "bundle", "source", "trigger", "answer", "step")
 PLACEHOLDER = re.compile(r"%[-#0 +]*\d*(?:\.\d+)?[a-zA-Z%]")
 
@@ -72,7 +72,7 @@ class RateLimitHandler(logging.Handler):
         first, every_s = _rate(kind)
         budget = self._budgets.get(kind)
         if budget is None:
-            if len(self._budgets) >= MOST_KINDS:
+            if len(self._budgets) >= MAX_KINDS:
                 oldest = min(self._budgets, key=lambda each: self._budgets[each].at_s)
                 del self._budgets[oldest]
             budget = self._budgets[kind] = _Budget(first, now_s)

@@ -15,12 +15,13 @@ from rig.config.load import load_config
 from rig.config.model import RigConfig
 from rig.config.run import RunSection
 from rig.daemon.captures import Captures
-from rig.daemon.device_monitor import all_tried, obstacle
+from rig.daemon.device_monitor import all_tried
 from rig.daemon.memory import release_free_heap
 from rig.daemon.named_files import check_named_files
 from rig.daemon.notify import Notifier
 from rig.daemon.odometry.receiver import Odometer
-from rig.daemon.search.locate_loop import Search, restore
+from rig.daemon.readiness import why_not_ready
+from rig.daemon.search.locate_loop import LocateLoop, restore
 from rig.daemon.search.process import SearchProcess
 from rig.daemon.spool.store import ODOMETER, Spool, SpoolError
 from rig.daemon.state import DaemonState, Snapshot, TriggerSource
@@ -91,7 +92,7 @@ class MainLoop:
         notifier: Notifier,
         triggers: Triggers,
         captures: Captures,
-        search: Search,
+        search: LocateLoop,
         spool: Spool,
         odometer: Odometer | None,
         requests: RequestQueue,
@@ -136,25 +137,25 @@ class MainLoop:
                 due_s is not None
                 and not connecting
                 and time.monotonic() >= due_s
-                and obstacle(self._state) is None
+                and why_not_ready(self._state) is None
             ):
                 assert self._run.every_s
                 self._triggers.trigger("interval")
                 due_s = max(due_s + self._run.every_s, time.monotonic())
             try:
-                wish = self._requests.get(timeout=POLL_S)
+                request = self._requests.get(timeout=POLL_S)
             except queue.Empty:
                 continue
-            if isinstance(wish, BaseException):
-                raise wish
-            if wish == "reload":
+            if isinstance(request, BaseException):
+                raise request
+            if request == "reload":
                 following = self._reload(beat)
                 if following is not None:
                     self._triggers.stop()
                     self._take_started(beat)
                     return following
             else:
-                self._capture(wish, beat)
+                self._capture(request, beat)
 
     def _capture(self, source: TriggerSource, beat: Callable[[], None]) -> None:
         try:
@@ -167,20 +168,20 @@ class MainLoop:
 
     def give_up(self) -> None:
         """The daemon ends before a capture that was answered ``started`` has begun."""
-        while (wish := pending_request(self._requests)) is not None:
-            if wish != "reload" and not isinstance(wish, BaseException):
-                self._captures.interrupted(wish)
+        while (request := pending_request(self._requests)) is not None:
+            if request != "reload" and not isinstance(request, BaseException):
+                self._captures.interrupted(request)
 
     def _take_started(self, beat: Callable[[], None]) -> None:
         """A capture that was answered ``started`` while the next configuration was read is still taken, with this one."""
         again = False
-        while (wish := pending_request(self._requests)) is not None:
-            if isinstance(wish, BaseException):
-                raise wish
-            if wish == "reload":
+        while (request := pending_request(self._requests)) is not None:
+            if isinstance(request, BaseException):
+                raise request
+            if request == "reload":
                 again = True  # the file may have changed since it was read
             else:
-                self._capture(wish, beat)
+                self._capture(request, beat)
         if again:
             self._requests.put("reload")
 
@@ -239,7 +240,7 @@ def pending_request(requests: RequestQueue) -> MainLoopRequest | None:
 def refused(daemon_state: DaemonState, problem: str) -> None:
     """Say that a new configuration is not taken, and why."""
     daemon_state.count("configurations refused")
-    daemon_state.tell("status", configuration="refused", reason=problem)
+    daemon_state.emit("status", configuration="refused", reason=problem)
     _log.error("configuration refused", problem=problem, kept="the one in force")
 
 

@@ -7,7 +7,7 @@ NEEDED = ("head", "inclinometer", "camera")
 every altitude."""
 
 
-def obstacle(daemon_state: DaemonState) -> str | None:
+def why_not_ready(daemon_state: DaemonState) -> str | None:
     """In a few words, None where a capture is possible: the daemon starts, devices do not work, the spool takes none."""
     now = daemon_state.snapshot()
     if now.activity in ("starting", "connecting"):
@@ -16,7 +16,7 @@ def obstacle(daemon_state: DaemonState) -> str | None:
     return f"{', '.join(missing)} not ready" if missing else now.storage
 
 
-def reason(daemon_state: DaemonState) -> str:
+def why_not_ready_in_full(daemon_state: DaemonState) -> str:
     """The same in full, each device with its fault."""
     now = daemon_state.snapshot()
     faults = {device.name: device.detail or device.state for device in now.devices}

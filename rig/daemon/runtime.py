@@ -14,13 +14,15 @@ import structlog
 from rig.config.model import RigConfig
 from rig.daemon.captures import Captures
 from rig.daemon.control import ControlSocket
-from rig.daemon.device_monitor import DeviceLocks, DeviceMonitor, obstacle
+from rig.daemon.device_locks import DeviceLocks
+from rig.daemon.device_monitor import DeviceMonitor
 from rig.daemon.heartbeat import Heartbeats
 from rig.daemon.main_loop import MainLoop, RequestQueue, keep_odometer, run_of, start_worker
 from rig.daemon.notify import Notifier
 from rig.daemon.odometry.receiver import Odometer, OdometryListener
 from rig.daemon.publishers import publish
-from rig.daemon.search.locate_loop import Search, restore
+from rig.daemon.readiness import why_not_ready
+from rig.daemon.search.locate_loop import LocateLoop, restore
 from rig.daemon.search.process import SearchProcess
 from rig.daemon.signals import Signals
 from rig.daemon.spool.store import ODOMETER, Spool
@@ -55,7 +57,7 @@ class DaemonContext:
     worker: SearchProcess | None = None
 
 
-def session(config: RigConfig, shared: DaemonContext, started: Callable[[], None]) -> RigConfig:
+def run_configuration(config: RigConfig, shared: DaemonContext, started: Callable[[], None]) -> RigConfig:
     """Run with a configuration until another one is asked for, which is returned.
 
     ``started`` is called when everything runs and every device has been tried; a ``SkyfixError`` before that says what cannot.
@@ -64,16 +66,18 @@ def session(config: RigConfig, shared: DaemonContext, started: Callable[[], None
     run, daemon_state = run_of(config, shared.path), shared.daemon_state
     with ExitStack() as stack:
         spool = stack.enter_context(Spool(run.spool.dir, run.spool.quota_mb, daemon_state.set_waiting))
-        search = Search(spool, daemon_state, partial(start_worker, run), shared.worker or start_worker(run))
+        search = LocateLoop(
+            spool, daemon_state, partial(start_worker, run), shared.worker or start_worker(run)
+        )
         shared.worker = None
         stack.callback(search.close)
         restore(daemon_state, spool)
         stop = threading.Event()
         requests = shared.requests
         device_locks = DeviceLocks()
-        triggers = Triggers(daemon_state, partial(_obstacle, daemon_state, spool), requests.put)
+        triggers = Triggers(daemon_state, partial(_why_not_ready, daemon_state, spool), requests.put)
         watch = DeviceMonitor(
-            config, daemon_state, device_locks, besides=("inclinometer",) if run.rest else ()
+            config, daemon_state, device_locks, excluded=("inclinometer",) if run.rest else ()
         )
         control = ControlSocket(run.control or run.spool.dir / "control.sock", daemon_state, triggers)
         stack.callback(control.close)
@@ -124,14 +128,14 @@ def session(config: RigConfig, shared: DaemonContext, started: Callable[[], None
                     main_loop.give_up()
                     daemon_state.set_activity("stopping")
                     shared.notifier.stopping("ending on request")
-        shared.worker = following.worker or search.hand_over()
+        shared.worker = following.worker or search.release_worker()
         return following.config
 
 
-def _obstacle(daemon_state: DaemonState, spool: Spool) -> str | None:
+def _why_not_ready(daemon_state: DaemonState, spool: Spool) -> str | None:
     """Why no capture is possible, the room in the spool looked at now: the next answer is ``started`` only where it will be."""
     _look_at_storage(daemon_state, spool)
-    return obstacle(daemon_state)
+    return why_not_ready(daemon_state)
 
 
 def _watch_storage(
@@ -145,7 +149,7 @@ def _watch_storage(
 
 
 def _look_at_storage(daemon_state: DaemonState, spool: Spool) -> None:
-    problem, before = spool.obstacle(), daemon_state.snapshot().storage
+    problem, before = spool.space_problem(), daemon_state.snapshot().storage
     daemon_state.set_storage(problem)
     if problem is not None and before is None:
         daemon_state.count("spool full")
@@ -155,7 +159,7 @@ def _look_at_storage(daemon_state: DaemonState, spool: Spool) -> None:
 
 
 def _at_rest(daemon_state: DaemonState, triggers: Triggers) -> bool:
-    return obstacle(daemon_state) is None and triggers.trigger("rest") == "started"
+    return why_not_ready(daemon_state) is None and triggers.trigger("rest") == "started"
 
 
 def _forward_signal_requests(
@@ -169,13 +173,13 @@ def _forward_signal_requests(
     while not stop.is_set():
         beat()
         try:
-            wish = signals.requests.get(timeout=REQUEST_POLL_S)
+            request = signals.requests.get(timeout=REQUEST_POLL_S)
         except queue.Empty:
             continue
-        if wish == "trigger":
+        if request == "trigger":
             triggers.trigger("signal")
         else:
-            requests.put(wish)
+            requests.put(request)
 
 
 @contextmanager

@@ -16,7 +16,7 @@ from rig.daemon.log import logging_to
 from rig.daemon.main_loop import refused, run_of, status_line
 from rig.daemon.named_files import check_named_files
 from rig.daemon.notify import notifier_of
-from rig.daemon.runtime import DaemonContext, session
+from rig.daemon.runtime import DaemonContext, run_configuration
 from rig.daemon.signals import Signals, StopRequestedError
 from rig.daemon.state import DaemonState
 
@@ -38,7 +38,7 @@ def serve(path: Path, environment: Mapping[str, str] = os.environ) -> None:
 
         try:
             with watchdog(shared.heartbeats, notifier):
-                _sessions(config, shared, started)
+                _run_configurations(config, shared, started)
         except StopRequestedError:
             notifier.stopping("ended on request")
             daemon_state.set_activity("stopping")
@@ -48,7 +48,9 @@ def serve(path: Path, environment: Mapping[str, str] = os.environ) -> None:
                 shared.worker.close()
 
 
-def _sessions(config: RigConfig, shared: DaemonContext, tell_started: Callable[[float], None]) -> None:
+def _run_configurations(
+    config: RigConfig, shared: DaemonContext, tell_started: Callable[[float], None]
+) -> None:
     """A session after the other. One that cannot start after another has run is refused, and the other one goes on.
 
     ``tell_started`` is told how many seconds a session took until it ran; the first counts from the start of the process.
@@ -65,7 +67,7 @@ def _sessions(config: RigConfig, shared: DaemonContext, tell_started: Callable[[
     while True:
         runs = False
         try:
-            config = session(config, shared, started)
+            config = run_configuration(config, shared, started)
             begun_s = time.monotonic()
             _log.info("configuration read anew", config=str(shared.path))
         except SkyfixError as error:

@@ -21,7 +21,7 @@ from rig.errors import RigError
 
 _log = structlog.get_logger(__name__)
 
-PASSING = 0x01 | 0x04 | 0x20
+RECOVERABLE = 0x01 | 0x04 | 0x20
 """Bits of the hardware error status: input voltage, overheated, overload."""
 WAITS_S = 10.0, 60.0, 360.0
 """From the first sight of an error to a restart: the first, the second and the last without a capture that worked."""
@@ -37,9 +37,9 @@ def restart_servos(section: PanTiltSection) -> list[str]:
     with closing(ServoBus(SerialPort(section.port, section.baud))) as bus:
         for name, joint in (("pan", section.pan), ("tilt", section.tilt)):
             servo = Servo(bus, joint.id, joint.model, name)
-            retry(servo.answer_everything)
+            retry(servo.set_status_return_all)
             status = retry(partial(servo.read, "Hardware Error Status"))
-            if status and not status & ~PASSING:
+            if status and not status & ~RECOVERABLE:
                 errors = retry(servo.hardware_errors)
                 servo.require_one_turn(retry(partial(servo.read, "Present Position")))
                 retry(partial(bus.reboot, joint.id))
@@ -57,7 +57,7 @@ class ServoRestarts:
         self._done = 0
         self._seen_s: float | None = None
 
-    def hindered(self) -> Sequence[str]:
+    def hardware_error_seen(self) -> Sequence[str]:
         """The head has a hardware error at this moment; returns what was restarted for it."""
         now_s = time.monotonic()
         if self._seen_s is None:
@@ -75,11 +75,11 @@ class ServoRestarts:
             _log.warning("servos restarted", why="; ".join(restarted), left=len(self._waits_s) - self._done)
         return restarted
 
-    def fine(self) -> None:
+    def healthy(self) -> None:
         """The head has no hardware error at this moment."""
         self._seen_s = None
 
-    def worked(self) -> None:
+    def capture_succeeded(self) -> None:
         """A capture moved the head: what was, is over."""
         self._done = 0
 

@@ -1,6 +1,6 @@
 """The daemon's signals: SIGTERM and SIGINT end it, SIGHUP has the configuration read anew, SIGUSR1 asks for a capture.
 
-Only the first that ends it interrupts the main thread, and not within ``shielded``. A handler takes no lock: it may
+Only the first that ends it interrupts the main thread, and not within ``deferring_stop``. A handler takes no lock: it may
 interrupt whoever holds it.
 """
 
@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from types import FrameType, TracebackType
 from typing import Literal, Self
 
-ENDED_WITHIN_S = 9.0
+KILL_AFTER_S = 9.0
 """After that the process ends whatever it does; the head was let go first of all."""
 
 SignalRequest = Literal["reload", "trigger"]
@@ -49,7 +49,7 @@ class Signals:
             signal.signal(number, handler)
 
     @contextmanager
-    def shielded(self) -> Iterator[None]:
+    def deferring_stop(self) -> Iterator[None]:
         """What is begun here is ended, before a stop that came meanwhile is raised."""
         self._shields += 1
         try:
@@ -63,7 +63,7 @@ class Signals:
         if self.stopping:
             return
         self.stopping = True
-        last_resort = threading.Timer(ENDED_WITHIN_S, os._exit, (1,))
+        last_resort = threading.Timer(KILL_AFTER_S, os._exit, (1,))
         last_resort.daemon = True
         last_resort.start()
         if not self._shields:

@@ -21,7 +21,7 @@ from rig.clock import Instant
 from rig.daemon.boot import asleep_s
 
 EVENTS_WAITING = 256
-SLEPT_S = 1.0
+MIN_SUSPEND_S = 1.0
 """Less is a difference of clocks."""
 
 TriggerSource = Literal["interval", "rest", "command", "http", "signal", "found"]
@@ -156,14 +156,14 @@ class DaemonState:
     def snapshot(self) -> Snapshot:
         """The state at this moment."""
         with self._lock:
-            self._note_sleep()
+            self._note_suspend()
             counts = MappingProxyType(dict(self._counts))
             return dataclasses.replace(self._now, devices=tuple(self._devices.values()), counts=counts)
 
-    def _note_sleep(self) -> None:
+    def _note_suspend(self) -> None:
         """A computer that was suspended has watched nothing, and its monotonic clock, which ages go by, stood still."""
         now_s = asleep_s()
-        if now_s - self._asleep_s > SLEPT_S:
+        if now_s - self._asleep_s > MIN_SUSPEND_S:
             self._asleep_s = now_s
             self._now = dataclasses.replace(self._now, moved=Instant.now())
             self._counts["times asleep"] += 1
@@ -173,28 +173,28 @@ class DaemonState:
         with self._lock:
             if activity != self._now.activity:
                 self._now = dataclasses.replace(self._now, activity=activity, activity_since=Instant.now())
-                self._tell("status", {"activity": activity})
+                self._emit("status", {"activity": activity})
 
     def set_locating(self, bundle: str | None) -> None:
         """Say which bundle is being searched for; the same again is no event."""
         with self._lock:
             if bundle != self._now.locating:
                 self._now = dataclasses.replace(self._now, locating=bundle)
-                self._tell("status", {"locating": bundle})
+                self._emit("status", {"locating": bundle})
 
     def set_waiting(self, bundles: int) -> None:
         """Say how many bundles have not been located yet; the same again is no event."""
         with self._lock:
             if bundles != self._now.waiting:
                 self._now = dataclasses.replace(self._now, waiting=bundles)
-                self._tell("status", {"waiting": bundles})
+                self._emit("status", {"waiting": bundles})
 
     def set_storage(self, problem: str | None) -> None:
         """Say why the spool takes no further bundle, None where it does; the same again is no event."""
         with self._lock:
             if problem != self._now.storage:
                 self._now = dataclasses.replace(self._now, storage=problem)
-                self._tell("status", {"storage": problem})
+                self._emit("status", {"storage": problem})
 
     def set_device(self, name: str, state: DeviceState, detail: str) -> None:
         """Say how a device is; the same again is no event, and keeps the time since when."""
@@ -203,7 +203,7 @@ class DaemonState:
             if before is None or (before.state, before.detail) != (state, detail):
                 since = before.since if before and before.state == state else Instant.now()
                 self._devices[name] = DeviceHealth(name, state, detail, since)
-                self._tell("device", {"name": name, "state": state, "detail": detail})
+                self._emit("device", {"name": name, "state": state, "detail": detail})
 
     def set_answer(self, answer: Answer) -> None:
         """Say what a bundle came to."""
@@ -212,7 +212,7 @@ class DaemonState:
             last_fix = answer if is_fix else self._now.last_fix
             self._now = dataclasses.replace(self._now, last=answer, last_fix=last_fix)
             self._counts[f"answers {answer.fix.status}"] += 1
-            self._tell("answer", {"bundle": answer.bundle, "status": answer.fix.status, "mode": answer.mode})
+            self._emit("answer", {"bundle": answer.bundle, "status": answer.fix.status, "mode": answer.mode})
 
     def restore(self, last: Answer, last_fix: Answer | None) -> None:
         """Take over what was known before a restart. No event, and nothing to count: it has happened already."""
@@ -229,10 +229,10 @@ class DaemonState:
         with self._lock:
             self._counts[what] += by
 
-    def tell(self, kind: EventKind, **data: Any) -> None:
+    def emit(self, kind: EventKind, **data: Any) -> None:
         """Tell the subscribers of something that leaves the state as it is."""
         with self._lock:
-            self._tell(kind, data)
+            self._emit(kind, data)
 
     @contextmanager
     def subscribed(self) -> Iterator[Subscription]:
@@ -246,7 +246,7 @@ class DaemonState:
             with self._lock:
                 self._subscriptions.remove(subscription)
 
-    def _tell(self, kind: EventKind, data: Mapping[str, Any]) -> None:
+    def _emit(self, kind: EventKind, data: Mapping[str, Any]) -> None:
         self._events += 1
         event = Event(self._events, kind, Instant.now(), data)
         for subscription in self._subscriptions:

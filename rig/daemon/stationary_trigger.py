@@ -12,7 +12,8 @@ import structlog
 
 from rig.config.model import RigConfig
 from rig.config.run import RestTrigger
-from rig.daemon.device_monitor import DeviceLocks, next_wait_s, note_device
+from rig.daemon.device_locks import DeviceLocks
+from rig.daemon.device_monitor import next_wait_s, note_device
 from rig.daemon.state import DaemonState
 from rig.devices.bus.retry import retry
 from rig.devices.connect import Inclinometer, open_inclinometer
@@ -23,7 +24,7 @@ _log = structlog.get_logger(__name__)
 
 SETTLING_S = 2.0
 """A head that was let go may sink; that is no movement of the vehicle."""
-MOST_CAPTURES = 3
+MAX_CAPTURES = 3
 """So many fail at one rest before the next is waited for."""
 SAMPLES_A_SECOND = 8
 """Enough for a standard deviation; more would keep a small computer busy."""
@@ -59,7 +60,7 @@ class StationaryDetector:
     def failed(self) -> None:
         """The capture came to nothing: it is worth another, but not for ever, for it may be night."""
         self._failures += 1
-        self._moved = self._failures < MOST_CAPTURES
+        self._moved = self._failures < MAX_CAPTURES
 
     def interrupted(self) -> None:
         """Nobody has watched since the last reading: stillness counts from the next."""

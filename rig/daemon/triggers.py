@@ -13,17 +13,17 @@ _log = structlog.get_logger(__name__)
 class Triggers:
     """Takes requests from any thread (not from a signal handler: it locks) and hands them to the one who captures.
 
-    ``obstacle`` says why no capture is possible now, None where it is.
+    ``why_not_ready`` says why no capture is possible now, None where it is.
     """
 
     def __init__(
         self,
         daemon_state: DaemonState,
-        obstacle: Callable[[], str | None],
+        why_not_ready: Callable[[], str | None],
         start: Callable[[TriggerSource], None],
     ):
         self._state = daemon_state
-        self._obstacle = obstacle
+        self._why_not_ready = why_not_ready
         self._start = start
         self._lock = threading.Lock()
         self._busy = False
@@ -31,7 +31,7 @@ class Triggers:
 
     def trigger(self, source: TriggerSource) -> TriggerAnswer:
         """Ask for a capture; answered at once, nothing is queued."""
-        obstacle = self._obstacle()
+        why_not_ready = self._why_not_ready()
         with self._lock:
             answer: TriggerAnswer = (
                 "stopping"
@@ -39,13 +39,15 @@ class Triggers:
                 else "busy"
                 if self._busy
                 else "not ready"
-                if obstacle
+                if why_not_ready
                 else "started"
             )
             self._state.count("triggers")
             self._state.count(f"triggers {answer}")
-            self._state.tell("trigger", source=source, answer=answer, why=obstacle)
-            _log.info("trigger", source=source, answer=answer, **({"why": obstacle} if obstacle else {}))
+            self._state.emit("trigger", source=source, answer=answer, why=why_not_ready)
+            _log.info(
+                "trigger", source=source, answer=answer, **({"why": why_not_ready} if why_not_ready else {})
+            )
             if answer == "started":  # handed over before anybody can call ``stop``
                 self._busy = True
                 self._start(source)

@@ -101,11 +101,12 @@ def open_pan_tilt(section: PanTiltSection) -> PanTilt:
 
 
 @contextmanager
-def connect(config: RigConfig, *, spare: bool = False) -> Iterator[Rig]:
-    """All devices, opened and their identities checked; closed whatever happens, the head's torque off first.
+def connect(config: RigConfig, *, skip_failed_sensors: bool = False) -> Iterator[Rig]:
+    """Open all devices and check their identities; on exit switch the head's torque off and close everything.
 
-    Raises what the drivers raise for the first device that is absent, another one, or broken. With ``spare`` a compass or
-    an altimeter that fails is left out, out of the rig's ``config`` too, and noted: without them there are measurements still.
+    Raises what the drivers raise for the first device that is absent, broken or not the configured one. With
+    ``skip_failed_sensors`` a compass or an altimeter that fails is left out (also of the rig's ``config``) and noted:
+    a capture is possible without them.
     """
     with ExitStack() as stack:
         camera = stack.enter_context(Camera(config.camera))  # opens in its own thread meanwhile
@@ -113,11 +114,11 @@ def connect(config: RigConfig, *, spare: bool = False) -> Iterator[Rig]:
         stack.callback(inclinometer.close)
         compass = altimeter = None
         if config.compass:
-            with _sparing(spare, "heading unknown"):
+            with _skipping_if_failed(skip_failed_sensors, "heading unknown"):
                 compass = open_compass(config.compass)
                 stack.callback(compass.close)
         if config.altimeter:
-            with _sparing(spare, "altitude unknown"):
+            with _skipping_if_failed(skip_failed_sensors, "altitude unknown"):
                 altimeter = open_altimeter(config.altimeter)
                 stack.callback(altimeter.close)
         fitted = {
@@ -133,11 +134,11 @@ def connect(config: RigConfig, *, spare: bool = False) -> Iterator[Rig]:
 
 
 @contextmanager
-def _sparing(spare: bool, without: str) -> Iterator[None]:
-    """Go on without a device that fails, where that is wished."""
+def _skipping_if_failed(skip_failed_sensors: bool, without: str) -> Iterator[None]:
+    """Note the failure of a device and continue without it, if ``skip_failed_sensors``."""
     try:
         yield
     except DeviceError as error:
-        if not spare:
+        if not skip_failed_sensors:
             raise
         note_fault(error.device, error.problem, f"left out: {without}")

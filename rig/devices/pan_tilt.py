@@ -35,8 +35,10 @@ _STILL_TICKS = 1  # encoder noise
 _RELAX_REPLUG_S = 0.5  # on the way out there is little patience for a port that is gone
 # A proportional controller droops under the camera's weight; more than this is something in the way.
 _GOAL_TOLERANCE_DEG = 1.0
-_TOLD_WITHIN_S = 0.3  # from the reading of where a moving head is to its new goal, on a busy computer
-_WAY_TOLERANCE_DEG = 4.0  # beyond either end of a move: it overshoots, and is pulled when the torque comes on
+_COMMAND_LATENCY_S = 0.3  # from the reading of where a moving head is to its new goal, on a busy computer
+_PATH_TOLERANCE_DEG = (
+    4.0  # beyond either end of a move: it overshoots, and is pulled when the torque comes on
+)
 
 
 class AxisParameters(Protocol):
@@ -159,9 +161,9 @@ class PanTilt:
         try:
             # All of them before anything else is written: a servo with a Secondary ID takes the others' orders.
             for servo in self._servos:
-                retry(servo.answer_everything)
+                retry(servo.set_status_return_all)
             for servo in self._servos:
-                retry(servo.stand_alone)
+                retry(servo.disable_secondary_id)
             for axis in self._axes:
                 self._configure(axis)
         except BaseException as error:
@@ -218,7 +220,9 @@ class PanTilt:
         here = state.pan_deg, state.tilt_deg
         stops = route(here, (pan_deg, tilt_deg), self._parameters.keep_out, low, high)
         for stop in self._with_take_up(here, stops):
-            state = retry(partial(self._leg, *stop), tries=3, within_s=3 * self._parameters.settle_timeout_s)
+            state = retry(
+                partial(self._move_segment, *stop), tries=3, within_s=3 * self._parameters.settle_timeout_s
+            )
         return state
 
     def _with_take_up(
@@ -238,7 +242,7 @@ class PanTilt:
         )
         return [*stops[:-1], below, stops[-1]] if straight else stops
 
-    def _leg(self, pan_deg: float, tilt_deg: float) -> HeadState:
+    def _move_segment(self, pan_deg: float, tilt_deg: float) -> HeadState:
         self.move_to(pan_deg, tilt_deg)
         return self.wait_settled()
 
@@ -270,12 +274,14 @@ class PanTilt:
                 "go round it in several moves"
             )
         for axis in self._axes:
-            self._make_ready(axis)
+            self._enable_torque(axis)
         for axis, goal in zip(self._axes, goals, strict=True):
             retry(partial(self._send_goal, axis.servo, goal))
         self._from_deg = here
         speed, braking = self._parameters.velocity_deg_s, self._parameters.acceleration_deg_s2
-        self._brakes_within_deg = speed * _TOLD_WITHIN_S + speed**2 / (2.0 * braking) if state.moving else 0.0
+        self._brakes_within_deg = (
+            speed * _COMMAND_LATENCY_S + speed**2 / (2.0 * braking) if state.moving else 0.0
+        )
         self._goal_deg = pan_deg, tilt_deg
 
     def require_one_turn(self, state: HeadState) -> None:
@@ -293,7 +299,7 @@ class PanTilt:
                 raise StoppedError(servo.name, "its bus watchdog stopped it", remedy) from error
             raise
 
-    def _make_ready(self, axis: _Axis) -> None:
+    def _enable_torque(self, axis: _Axis) -> None:
         """Torque on and watchdog armed, with the configured speed, whatever happened since the last move."""
         servo = axis.servo
         torque = retry(partial(servo.read, "Torque Enable"))
@@ -359,7 +365,7 @@ class PanTilt:
         still = state
         while state.monotonic_s - still.monotonic_s < _STILL_S:
             self._require_healthy(state)
-            self._require_on_the_way(state)
+            self._require_on_path(state)
             last_try = deadline.expired
             time.sleep(_POLL_S)
             state = self.state()
@@ -373,13 +379,13 @@ class PanTilt:
                         "raise settle_timeout_s, or look for what shakes it",
                     )
         self._require_healthy(state)
-        self._require_on_the_way(state)
+        self._require_on_path(state)
         self._require_at_goal(state)
         for servo in self._servos:
             retry(servo.disarm_bus_watchdog)
         return state
 
-    def _require_on_the_way(self, state: HeadState) -> None:
+    def _require_on_path(self, state: HeadState) -> None:
         """Let go at once, for good, and raise ``DeviceError``, where the head goes another way than that between the ends of
         its move, which is the way that the keep-out zones were compared with, or into one of these.
         """
@@ -390,7 +396,7 @@ class PanTilt:
             self._axes, self._from_deg, self._goal_deg, angles, strict=True
         ):
             low, high = sorted((from_deg, goal_deg))
-            tolerance_deg = _WAY_TOLERANCE_DEG + self._brakes_within_deg
+            tolerance_deg = _PATH_TOLERANCE_DEG + self._brakes_within_deg
             strayed = not low - tolerance_deg <= angle_deg <= high + tolerance_deg
             if not (strayed or lies_in_a_zone(angles, self._parameters.keep_out)):
                 continue

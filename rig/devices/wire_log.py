@@ -30,17 +30,17 @@ URL_LEFT_OUT = "http://left-out.invalid/?ev={ev}"
 _log = logging.getLogger(__name__)
 
 
-class RecordError(RigError):
+class WireLogError(RigError):
     """The log cannot be written."""
 
 
 @contextmanager
-def recording(path: Path, config: RigConfig) -> Iterator[None]:
+def recording_wire_log(path: Path, config: RigConfig) -> Iterator[None]:
     """Record what passes on all ports and buses into ``path``, a new file, while the context lasts.
 
     The header holds the configuration with its calibrations, without the camera's URLs, which may have a password. Where the
     log cannot be written any more, say on a full disk, that is told and the devices are used without it.
-    Raises ``RecordError`` where the file is there already or cannot be made.
+    Raises ``WireLogError`` where the file is there already or cannot be made.
     """
     settings = config.model_dump(
         mode="json", exclude={"calibration": True, "camera": {"source"}}, exclude_none=True
@@ -53,7 +53,7 @@ def recording(path: Path, config: RigConfig) -> Iterator[None]:
             "x", encoding="ascii", buffering=1
         )  # a line at a time: a crash shall not take the end with it
     except OSError as error:
-        raise RecordError(f"{path}: {why_not_written(error, 'choose another name')}") from error
+        raise WireLogError(f"{path}: {why_not_written(error, 'choose another name')}") from error
     begun_s, lock = time.monotonic(), threading.Lock()
     ended = False
 
@@ -72,7 +72,7 @@ def recording(path: Path, config: RigConfig) -> Iterator[None]:
     try:
         file.write(json.dumps({"skyfix_log": LOG_VERSION, "utc": utc, "config": settings}) + "\n")
     except OSError as error:
-        raise RecordError(f"{path}: {why_not_written(error, 'choose another name')}") from error
+        raise WireLogError(f"{path}: {why_not_written(error, 'choose another name')}") from error
     monitor.subscribe(write)
     try:
         yield

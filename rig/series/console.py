@@ -15,7 +15,7 @@ from rig.series.journal import Outcome, Series
 from rig.series.summary import summary, summary_text
 
 
-class Reports:
+class SeriesConsole:
     """Reports on one series, in text or in JSON lines."""
 
     def __init__(self, series: Series, as_json: bool) -> None:

@@ -33,8 +33,8 @@ from rig.errors import RigError
 
 FILE_NAME = "series.jsonl"
 SCHEMA = "skyfix.series/1"
-MOST_RECORD_BYTES = 256_000_000
-MOST_NUMBER = 10_000_000
+MAX_RECORD_BYTES = 256_000_000
+MAX_NUMBER = 10_000_000
 
 
 class SeriesError(RigError):
@@ -166,7 +166,7 @@ def load_series(folder: Path) -> Series:
     """Read a series' record. ``SeriesError`` names the line that is damaged."""
     path = folder / FILE_NAME
     try:
-        lines = read_file(path, MOST_RECORD_BYTES).split(b"\n")
+        lines = read_file(path, MAX_RECORD_BYTES).split(b"\n")
     except OSError as error:
         raise SeriesError(f"{path}: {why_not_read(error, path)}") from error
     except DocumentError as error:
@@ -241,7 +241,7 @@ def _add(series: Series, entry: Mapping[str, Any]) -> None:
 
 def _number(value: object) -> int:
     """It becomes part of a file's name."""
-    if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= MOST_NUMBER:
+    if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= MAX_NUMBER:
         raise ValueError("numbers no bundle")
     return value
 

@@ -3,7 +3,7 @@
 import shutil
 from pathlib import Path
 
-from rig.bundle.writer import LEAST_FREE_BYTES, BundleWriteError, existing_part
+from rig.bundle.writer import MIN_FREE_BYTES, BundleWriteError, existing_part
 from rig.config.model import RigConfig
 
 FRAME_BYTES_OF_RAW = 1.01  # a PNG of noise is no smaller than its pixels
@@ -22,9 +22,9 @@ def require_space(folder: Path, config: RigConfig, bundles: int, frames: int) ->
     """Raise ``BundleWriteError`` where so many bundles do not fit, and say how many would."""
     each = bundle_bytes(config, frames)
     free = shutil.disk_usage(existing_part(folder)).free
-    if free < bundles * each + LEAST_FREE_BYTES:
-        fit = max(0, (free - LEAST_FREE_BYTES) // each)
+    if free < bundles * each + MIN_FREE_BYTES:
+        fit = max(0, (free - MIN_FREE_BYTES) // each)
         raise BundleWriteError(
-            f"{folder}: {bundles} bundles may need {(bundles * each + LEAST_FREE_BYTES) / 1e6:.0f} MB, "
+            f"{folder}: {bundles} bundles may need {(bundles * each + MIN_FREE_BYTES) / 1e6:.0f} MB, "
             f"{free / 1e6:.0f} MB are free, enough for {fit}; make room, choose another with --out, or take fewer"
         )

@@ -18,9 +18,9 @@ from localizer.documents import json_values
 from localizer.os_errors import why_not_read, why_not_written
 from rig.errors import RigError
 
-MOST_RECORD_BYTES = 64_000_000
+MAX_RECORD_BYTES = 64_000_000
 """Of one record, or of what a chunk unpacks to; rig's own chunks have a megabyte."""
-MOST_WINDOW_BYTES = 1 << 27
+MAX_WINDOW_BYTES = 1 << 27
 _DAMAGED = (
     McapError,
     CRCValidationError,
@@ -107,7 +107,7 @@ def _records(file: IO[bytes]) -> Iterator[McapRecord]:
     """
     bounded: Any = _Bounded(file)
     for record in StreamReader(
-        bounded, emit_chunks=True, validate_crcs=True, record_size_limit=MOST_RECORD_BYTES
+        bounded, emit_chunks=True, validate_crcs=True, record_size_limit=MAX_RECORD_BYTES
     ).records:
         if not isinstance(record, Chunk):
             yield record
@@ -119,14 +119,14 @@ def _records(file: IO[bytes]) -> Iterator[McapRecord]:
 
 def _unpacked(compression: str, data: bytes) -> bytes:
     if compression == "zstd":
-        unpacker = zstandard.ZstdDecompressor(max_window_size=MOST_WINDOW_BYTES)
-        unpacked = unpacker.stream_reader(data).read(MOST_RECORD_BYTES + 1)
+        unpacker = zstandard.ZstdDecompressor(max_window_size=MAX_WINDOW_BYTES)
+        unpacked = unpacker.stream_reader(data).read(MAX_RECORD_BYTES + 1)
     elif compression == "lz4":
-        unpacked = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=MOST_RECORD_BYTES + 1)
+        unpacked = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=MAX_RECORD_BYTES + 1)
     else:
         unpacked = data
-    if len(unpacked) > MOST_RECORD_BYTES:
-        raise ValueError(f"a chunk of more than {MOST_RECORD_BYTES / 1e6:g} MB")
+    if len(unpacked) > MAX_RECORD_BYTES:
+        raise ValueError(f"a chunk of more than {MAX_RECORD_BYTES / 1e6:g} MB")
     return bytes(unpacked)
 
 
@@ -137,7 +137,7 @@ class _Bounded:
         self._file = file
 
     def read(self, size: int = -1) -> bytes:
-        if not 0 <= size <= MOST_RECORD_BYTES:
+        if not 0 <= size <= MAX_RECORD_BYTES:
             raise ValueError("a length beyond all records")
         return self._file.read(size)
 

@@ -36,7 +36,7 @@ class TelemetryError(RigError):
 
 
 @contextmanager
-def recording(path: Path, config: RigConfig) -> Iterator[Path]:
+def recording_telemetry(path: Path, config: RigConfig) -> Iterator[Path]:
     """Record what the session publishes into ``path`` while the context lasts; a name that is taken gets a number.
 
     Yields the file's name. Raises ``TelemetryError`` where it cannot be made.

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from rig.attitude.altitude_plausibility import AltitudeBounds, altitude_bounds, require_possible
+from rig.attitude.altitude_plausibility import AltitudeBounds, altitude_bounds, require_plausible_altitude
 from rig.attitude.level import in_axes
 from rig.attitude.talker_headings import heading_doubts
 from rig.capture.averaged_readings import altitude_from, read_level, read_pressure
@@ -84,7 +84,7 @@ def _head(section: PanTiltSection) -> Iterator[Source]:
         servos = {name: Servo(bus, joint.id, joint.model, name) for name, joint in joints.items()}
         firmware = retry(partial(require_models, bus, {joint.id: joint.model for joint in joints.values()}))
         for servo in servos.values():
-            retry(servo.answer_reads)
+            retry(servo.ensure_reads_answered)
         identity = ", ".join(
             f"{name} {joint.model} firmware {firmware[joint.id]} (id {joint.id})"
             for name, joint in joints.items()
@@ -201,7 +201,7 @@ def _altimeter(section: AltimeterSection, bounds: Sequence[AltitudeBounds]) -> I
                 "temperature_c": _rounded(pressure.temperature_c),
             }
             try:
-                require_possible(
+                require_plausible_altitude(
                     altitude.altitude_m, pressure.pressure_hpa, section, barometer.identify(), bounds
                 )
             except DeviceError as error:

@@ -11,7 +11,7 @@ from rig.errors import RigError
 from rig.watch.sources import Opener, Reading
 
 RETRY_FIRST_S, RETRY_MOST_S = 0.5, 4.0
-SILENT_S = 3.0
+STALE_AFTER_S = 3.0
 """Older than this is no reading of this moment: an exchange hangs, or is being tried again."""
 END_S = 6.0
 """A thread ends with its reading, which takes that long only where a port was pulled out."""
@@ -35,10 +35,10 @@ class DeviceStatus:
         """How old the reading is."""
         return None if self.reading is None else time.monotonic() - self.reading.monotonic_s
 
-    def at_this_moment(self) -> "DeviceStatus":
+    def with_staleness(self) -> "DeviceStatus":
         """The same, with a reading that has grown old counted as a problem."""
         age_s = self.age_s
-        if age_s is None or age_s <= SILENT_S or self.state == "failing":
+        if age_s is None or age_s <= STALE_AFTER_S or self.state == "failing":
             return self
         return replace(self, state="silent", problem=f"no reading for {age_s:.0f} s")
 
@@ -71,9 +71,9 @@ class Watcher:
     def statuses(self) -> list[DeviceStatus]:
         """All devices at this moment."""
         with self._lock:
-            return [status.at_this_moment() for status in self._statuses.values()]
+            return [status.with_staleness() for status in self._statuses.values()]
 
-    def wait_heard(self, timeout_s: float) -> None:
+    def wait_first_readings(self, timeout_s: float) -> None:
         """Wait until each device has been read or has failed."""
         deadline_s = time.monotonic() + timeout_s
         while time.monotonic() < deadline_s and any(s.state == "connecting" for s in self.statuses()):

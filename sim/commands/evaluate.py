@@ -94,7 +94,7 @@ def evaluate(
     from sim.evaluate.progress import counting
     from sim.evaluate.run import run_cases
     from sim.evaluate.scenario import load_evaluation_scenario
-    from sim.evaluate.summary_files import write_report
+    from sim.evaluate.summary_files import write_summary
 
     scenario = load_evaluation_scenario(scenario_path)
     if level == "image":
@@ -106,7 +106,7 @@ def evaluate(
     numbers = sorted(set(only)) or list(range(cases))
     with counting(len(numbers)) as report:
         rows = run_cases(experiment, numbers, folder / "cases.csv", jobs, fresh, report)
-    text = write_report(rows, scenario_path.stem, folder)
+    text = write_summary(rows, scenario_path.stem, folder)
     click.echo((folder / "summary.json").read_text(encoding="utf-8").strip() if as_json else text)
     return 0
 

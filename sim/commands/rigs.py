@@ -68,7 +68,7 @@ def rigs(
 
     so_far: list[RigResult] = []
 
-    def hear(result: "RigResult") -> None:
+    def on_result(result: "RigResult") -> None:
         so_far.append(result)
         click.echo(one_line(result), err=True)
         if csv_path is not None:
@@ -79,7 +79,7 @@ def rigs(
         load_scenario(scenario_path or UNCALIBRATED),
         range(seed, seed + count),
         jobs,
-        hear,
+        on_result,
         keep,
     )
     if as_json:

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-MOST_SAMPLES = 64
+MAX_SAMPLES = 64
 """Nobody can see more than this many samples back (FIFO depths); older ones need not be made one by one."""
 
 
@@ -41,7 +41,7 @@ class Sampler:
         self._taken += due
         if self._filtered is None:
             self._filtered = value
-        skipped = max(due - MOST_SAMPLES, 0)
+        skipped = max(due - MAX_SAMPLES, 0)
         self._filtered = value + (self._filtered - value) * self._memory**skipped
         samples = []
         for _ in range(due - skipped):

@@ -120,7 +120,7 @@ class Servo:
         with self._lock:
             return self._table[name]
 
-    def hears(self) -> bool:
+    def is_listening(self) -> bool:
         """Whether it is there to hear Protocol 2.0: not while it reboots, nor on a broken wire, nor set to Protocol 1.0."""
         return self.is_there() and self._table["protocol_type"] >= PROTOCOL_2
 
@@ -128,12 +128,12 @@ class Servo:
         """Whether it is there to hear anything."""
         return not self.silent and self._clock() >= self._deaf_until_s
 
-    def obeys(self, servo_id: int) -> bool:
+    def has_secondary_id(self, servo_id: int) -> bool:
         """Whether it carries out, without an answer, what another id is told: its Secondary ID."""
         secondary = self._table["secondary_id"]
         return secondary == servo_id and secondary < NO_ID and servo_id != self._table["id"]
 
-    def heard_packet(self) -> None:
+    def feed_watchdog(self) -> None:
         """Note that the host is alive (Bus Watchdog)."""
         with self._lock:
             self._last_packet_s = self._advance()
@@ -336,14 +336,14 @@ class Servo:
         return offset if self._table["operating_mode"] != POSITION_MODE or abs(offset) <= 1024 else 0
 
     @property
-    def _sense(self) -> int:
+    def _direction(self) -> int:
         return -1 if self._table["drive_mode"] & REVERSE else 1
 
     def _present(self, shaft_tick: float) -> float:
-        return self._sense * shaft_tick + self._homing() + self._turns * TICKS_PER_TURN
+        return self._direction * shaft_tick + self._homing() + self._turns * TICKS_PER_TURN
 
     def _shaft_of(self, present: float) -> float:
-        return self._sense * (present - self._homing() - self._turns * TICKS_PER_TURN)
+        return self._direction * (present - self._homing() - self._turns * TICKS_PER_TURN)
 
     def _release(self) -> None:
         """Torque off: friction brings the shaft to a stop where it is."""
@@ -400,7 +400,7 @@ class Servo:
     def _turn_at(self, speed_deg_s: float) -> None:
         now = self._clock()
         position, velocity = self._motion.at(now)
-        speed = self._sense * float(np.clip(speed_deg_s, -self.model.speed_deg_s, self.model.speed_deg_s))
+        speed = self._direction * float(np.clip(speed_deg_s, -self.model.speed_deg_s, self.model.speed_deg_s))
         acceleration = self._acceleration_deg_s2() / DEG_PER_TICK
         self._stopped_from_deg_s = velocity * DEG_PER_TICK
         self._motion = motion.turn(position, velocity, speed / DEG_PER_TICK, acceleration, now)
@@ -471,12 +471,12 @@ class Servo:
         now = self._clock()
         position, velocity = self._motion.at(now)
         torque = self._table["torque_enable"]
-        speed_deg_s = self._sense * velocity * DEG_PER_TICK
+        speed_deg_s = self._direction * velocity * DEG_PER_TICK
         share_of_speed = speed_deg_s / self.model.speed_deg_s
         ongoing = bool(torque) and now < self._motion.end_s
         reading = round(self._present(position) + self._rng.normal() * self.gears.encoder_sigma_ticks)
         raw_velocity = round(speed_deg_s / VELOCITY_UNIT_DEG_S)
-        effort = np.sign(velocity) * self._sense + share_of_speed
+        effort = np.sign(velocity) * self._direction + share_of_speed
         drawn = round(effort * self.model.friction_current + self._rng.normal() * 1.5)
         in_position = abs(reading - self._table["goal_position"]) <= IN_POSITION_TICKS
         above_threshold = abs(speed_deg_s) > self._table["moving_threshold"] * VELOCITY_UNIT_DEG_S

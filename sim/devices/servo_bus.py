@@ -62,7 +62,7 @@ class ServoBus:
         there = {
             servo.register("id"): servo
             for servo in self.servos
-            if servo.hears() and baud in (None, BAUD_RATES[servo.register("baud_rate")])
+            if servo.is_listening() and baud in (None, BAUD_RATES[servo.register("baud_rate")])
         }
         broadcast = request.servo_id == BROADCAST_ID
         addressed = (
@@ -73,7 +73,7 @@ class ServoBus:
                 return b""
             return b"".join(_status(servo, StatusError.CRC) for servo in addressed)
         for servo in addressed:
-            servo.heard_packet()
+            servo.feed_watchdog()
         _follow(there.values(), request)
         if request.instruction in GROUP_INSTRUCTIONS:
             return GROUP_INSTRUCTIONS[request.instruction](there, request.parameters) if broadcast else b""
@@ -97,9 +97,9 @@ def _protocol_1(body: bytes) -> bytes:
 def _follow(servos: Iterable[Servo], request: Request) -> None:
     """Have those with a Secondary ID carry out what another servo is told: RAM only, and without an answer (manual, 2.4.8)."""
     for servo in servos:
-        if not servo.obeys(request.servo_id):
+        if not servo.has_secondary_id(request.servo_id):
             continue
-        servo.heard_packet()
+        servo.feed_watchdog()
         if request.instruction == Instruction.WRITE:
             address = int.from_bytes(request.parameters[:2], "little")
             servo.write(address, request.parameters[2:], ram_only=True)

@@ -13,7 +13,7 @@ from sim.paper.observations import frame_observation
 
 Array = NDArray[np.float64]
 
-LEAST_SIGMA_PX = 0.05
+MIN_SIGMA_PX = 0.05
 SECANT_STEPS = 8
 
 
@@ -21,10 +21,10 @@ def observation_of(
     truth: Truth, scenario: EvaluationScenario, columns_px: Array, disturbed: Disturbed
 ) -> Observation:
     """What the localizer is given of a case."""
-    told = scenario.told_of
+    told = scenario.assumed_sigma
     errors = scenario.errors
     sigma_px = scenario.told.contour_sigma_px or max(
-        float(np.hypot(errors.contour_sigma_px, errors.contour_correlated_sigma_px)), LEAST_SIGMA_PX
+        float(np.hypot(errors.contour_sigma_px, errors.contour_correlated_sigma_px)), MIN_SIGMA_PX
     )
     sigmas_deg = (told("azimuth_sigma_deg"), told("tilt_sigma_deg"), told("roll_sigma_deg"))
     frames = tuple(

@@ -29,8 +29,8 @@ EAST, NORTH, HEIGHT, AZIMUTH_BIAS, TILT_BIAS, FIRST_FRAME = range(6)
 STEP_M = 0.02  # short: where the ground close by is the skyline, it changes its face within decimetres
 STEP_DEG = 0.01
 COLUMNS_EACH = 4  # one column of these is differentiated, and stands for all
-LEAST_SIGMA_PX = 1e-3
-LEAST_SIGMA_DEG = 1e-6
+MIN_SIGMA_PX = 1e-3
+MIN_SIGMA_DEG = 1e-6
 UNKNOWN_M = 1e5  # no altimeter
 GROUND_SIGMA_M = 0.001  # the mast is as high as it is said to be
 NEAR_CELLS = 2.0  # what stands nearer a DEM cannot tell, as long as it is not the very surface
@@ -175,10 +175,10 @@ def _prior_information(scenario: EvaluationScenario, size: int) -> Array:
     errors = scenario.errors
     sigma = np.full(size, np.inf)
     if errors.azimuth_bias_sigma_deg < NO_COMPASS_SIGMA_DEG:
-        sigma[AZIMUTH_BIAS] = max(errors.azimuth_bias_sigma_deg, LEAST_SIGMA_DEG)
-    sigma[TILT_BIAS] = max(errors.tilt_bias_sigma_deg, LEAST_SIGMA_DEG)
+        sigma[AZIMUTH_BIAS] = max(errors.azimuth_bias_sigma_deg, MIN_SIGMA_DEG)
+    sigma[TILT_BIAS] = max(errors.tilt_bias_sigma_deg, MIN_SIGMA_DEG)
     own = [errors.azimuth_sigma_deg, errors.tilt_sigma_deg, errors.roll_sigma_deg]
-    sigma[FIRST_FRAME:] = np.tile(np.maximum(own, LEAST_SIGMA_DEG), (size - FIRST_FRAME) // 3)
+    sigma[FIRST_FRAME:] = np.tile(np.maximum(own, MIN_SIGMA_DEG), (size - FIRST_FRAME) // 3)
     return np.asarray(sigma**-2.0)
 
 
@@ -187,7 +187,7 @@ def _contour_noise(scenario: EvaluationScenario, columns_px: list[Array]) -> Arr
     errors = scenario.errors
     columns = np.concatenate(columns_px)
     frame_of = np.repeat(np.arange(len(columns_px)), [len(c) for c in columns_px])
-    noise = max(errors.contour_sigma_px, LEAST_SIGMA_PX) ** 2 / COLUMNS_EACH * np.eye(len(columns))
+    noise = max(errors.contour_sigma_px, MIN_SIGMA_PX) ** 2 / COLUMNS_EACH * np.eye(len(columns))
     if errors.contour_correlated_sigma_px > 0.0:
         apart = (columns[:, None] - columns[None, :]) / errors.contour_correlation_px
         same = frame_of[:, None] == frame_of[None, :]

@@ -45,7 +45,7 @@ def write_pictures(truth: Truth, scenario: EvaluationScenario, seed: int, folder
     frames = [
         _write_frame(folder, frame, renderer.frame(frame.rotation, noise), scenario) for frame in truth.frames
     ]
-    told, optics = scenario.told_of, scenario.camera
+    told, optics = scenario.assumed_sigma, scenario.camera
     altitude = None
     if truth.measured_altitude_m is not None:
         altitude = Altitude(value_m=truth.measured_altitude_m, sigma_m=told("altitude_sigma_m"))
@@ -81,7 +81,7 @@ def _write_frame(
         raise SimulationError("OpenCV cannot read the JPEG that it wrote; reinstall it")
     name = f"frames/{frame.label}.png"
     (folder / name).write_bytes(cv2.imencode(".png", sent)[1].tobytes())
-    told = scenario.told_of
+    told = scenario.assumed_sigma
     return Frame(
         label=frame.label,
         file=name,

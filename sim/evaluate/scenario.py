@@ -52,7 +52,7 @@ class Errors(Section):
     contour_correlation_px: Positive = 10.0  # ... over about so many columns
 
 
-class Told(Section):
+class AssumedSigmas(Section):
     """What the localizer is told where that differs from ``errors``."""
 
     altitude_sigma_m: Positive | None = None
@@ -117,7 +117,7 @@ class EvaluationScenario(Section):
     camera: CameraOptics = CameraOptics()
     weather: Weather = Weather()  # of pictures
     errors: Errors = Errors()
-    told: Told = Told()
+    told: AssumedSigmas = AssumedSigmas()
     dem_error: DemError | None = None
     twins: Twins | None = None
     foreground: Foreground | None = None
@@ -134,7 +134,7 @@ class EvaluationScenario(Section):
             raise ValueError("[twins] goes neither with [dem_error] nor with half of the DEM")
         return self
 
-    def told_of(self, name: str) -> float:
+    def assumed_sigma(self, name: str) -> float:
         """The sigma that the localizer is told, by the name of its error."""
         told = getattr(self.told, name)
         return float(getattr(self.errors, name) if told is None else told)

@@ -10,7 +10,7 @@ from sim.evaluate.row import CaseRow
 from sim.evaluate.summary import NOMINAL, summarize_by_dem
 
 
-def write_report(rows: Sequence[CaseRow], scenario: str, folder: Path) -> str:
+def write_summary(rows: Sequence[CaseRow], scenario: str, folder: Path) -> str:
     """Write ``summary.json``, ``summary.md`` and the plots into the folder; returns the summary's text."""
     parts = summarize_by_dem(rows)
     text = summary_text(scenario, parts)

@@ -25,10 +25,10 @@ from sim.faults.player import Stage, playing
 from sim.faults.script import Fault
 from sim.launch import fitted_sensors
 from sim.launch.fitted_sensors import FittedChip, FittedTalker
-from sim.launch.odometer import talking_odometer
+from sim.launch.odometer import running_odometer
 from sim.launch.rig_config import rig_config, run_tables
 from sim.launch.steering import SOCKET_NAME, steered
-from sim.render.scene_camera import Eye, Picture
+from sim.render.scene_camera import Picture, SceneCamera
 from sim.world.mechanics import Attitude, JointState
 from sim.world.truth import World
 
@@ -79,7 +79,7 @@ class SimulatedRig:
     stage: Stage
     clock_steps: bool
     world: World
-    eye: Eye
+    scene_camera: SceneCamera
 
     @property
     def environment(self) -> dict[str, str]:
@@ -114,7 +114,7 @@ class SimulatedRig:
         vehicle = self.world.vehicle
         standpoint = self.world.standpoint_at(lat_deg, lon_deg)
         vehicle.speed_m_s = 0.0
-        self.eye.look_from(standpoint)
+        self.scene_camera.move_to(standpoint)
         vehicle.standpoint, vehicle.shaken_mg = standpoint, 0.0
         self.world.mechanics.base = Attitude(heading_deg % 360.0, pitch_deg, roll_deg)
         truth = self.truth()
@@ -143,7 +143,7 @@ def simulated_rig(
     ``faults`` are played, and ``say`` hears when. With ``dem_paths`` the configuration has a ``[run]`` for the daemon, which
     searches these and keeps its spool beside the bundles.
     """
-    eye = Eye(world, picture)
+    scene_camera = SceneCamera(world, picture)
     start_s = time.monotonic()
 
     def clock() -> float:
@@ -189,7 +189,7 @@ def simulated_rig(
         i2c = I2cBridge({number: [chip for bus, chip in chips.values() if bus == number] for number in buses})
         running.callback(i2c.close)
 
-        camera = _camera(world, head, eye.picture)
+        camera = _camera(world, head, scene_camera.picture)
         running.callback(camera.close)
 
         def keys(fitted: FittedChip | FittedTalker) -> dict[str, Any]:
@@ -219,7 +219,7 @@ def simulated_rig(
         config_path, truth_path = folder / "rig.toml", folder / "truth.json"
         run = run_tables(dem_paths, bundle_dir.with_name("spool")) if dem_paths else {}
         if run:
-            running.enter_context(talking_odometer(world, run["run.odometry"]["listen"]))
+            running.enter_context(running_odometer(world, run["run.odometry"]["listen"]))
         config = rig_config(
             world,
             pan_tilt={"port": servo_port.path, "baud": BAUD},
@@ -248,7 +248,7 @@ def simulated_rig(
             stage,
             clock_steps=any(fault.device == "clock" for fault in faults),
             world=world,
-            eye=eye,
+            scene_camera=scene_camera,
         )
         running.enter_context(steered(rig, config_path.with_name(SOCKET_NAME)))
         yield rig

@@ -14,7 +14,7 @@ SPEED_SIGMA_SHARE, COURSE_SIGMA_DEG = 0.02, 1.5
 
 
 @contextmanager
-def talking_odometer(world: World, address: str) -> Iterator[None]:
+def running_odometer(world: World, address: str) -> Iterator[None]:
     """Talk to ``HOST:PORT`` while the context lasts. Its errors are drawn once: worn tyres, a gyro that sits askew."""
     rng = world.rng("odometer")
     scale = 1.0 + float(rng.normal(0.0, SPEED_SIGMA_SHARE))

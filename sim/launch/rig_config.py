@@ -85,7 +85,7 @@ def rig_config(
                 "height_px": camera.height_px,
                 "boresight_tilt_sigma_deg": scenario.boresight.tilt_sigma_deg,
                 "boresight_roll_sigma_deg": scenario.boresight.roll_sigma_deg,
-                **_told_intrinsics(world),
+                **_configured_intrinsics(world),
             },
             "calibration": calibration,
             **run,
@@ -121,7 +121,7 @@ def _free_ports(count: int) -> list[int]:
     return ports
 
 
-def _told_intrinsics(world: World) -> dict[str, Any]:
+def _configured_intrinsics(world: World) -> dict[str, Any]:
     """What the lens's maker says, or a calibration has found: as wrong as the scenario wants it."""
     camera, biases = world.scenario.camera, world.biases
     return {

@@ -18,7 +18,7 @@ DRAWN_FINER = 4
 BACKGROUND = 110
 PAPER_BLACK, PAPER_WHITE = 25.0, 225.0
 FRAMES_A_POSE = 4
-MOST_TILT_DEG = 40.0
+MAX_TILT_DEG = 40.0
 DISTANCE_MM = (280.0, 620.0)
 PLACES = (5, 4)  # columns, rows of the picture that the board's middle is brought to in turn
 SEEN_SHARE = (0.06, 0.94)
@@ -63,7 +63,7 @@ class CalibrationTargetPictures:
         optics = self._optics
         u, v = share * [optics.width_px, optics.height_px]
         ray = np.array([(u - optics.cx_px) / optics.fx_px, (v - optics.cy_px) / optics.fy_px, 1.0])
-        lean = np.radians(self._rng.uniform(0.0, MOST_TILT_DEG))
+        lean = np.radians(self._rng.uniform(0.0, MAX_TILT_DEG))
         towards, spin = self._rng.uniform(0.0, 2.0 * np.pi, 2)
         axis = np.array([np.cos(towards), np.sin(towards), 0.0])
         turn = _turned(axis, lean) @ _turned(np.array([0.0, 0.0, 1.0]), 0.3 * np.sin(spin))

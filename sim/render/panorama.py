@@ -101,7 +101,7 @@ def _foreground_row(horizon_deg: Array, step_deg: float, rows: int) -> int:
 
 @njit(cache=True, parallel=True, error_model="numpy")
 def _draw(  # type: ignore[no-untyped-def]
-    image, terrain, eye, ground, air, extinction_per_m, azimuths, tangents, foreground, step, top
+    image, terrain, viewpoint, ground, air, extinction_per_m, azimuths, tangents, foreground, step, top
 ):
     """Draw the terrain of all columns over the sky, of the foreground every second row and column only."""
     rows, columns = image.shape[0], image.shape[1]
@@ -113,7 +113,7 @@ def _draw(  # type: ignore[no-untyped-def]
             filled, tangent = _draw_terrain(
                 column,
                 terrain,
-                eye,
+                viewpoint,
                 ground,
                 air[k],
                 extinction_per_m,
@@ -139,14 +139,25 @@ def _draw(  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def _draw_terrain(  # type: ignore[no-untyped-def]
-    column, terrain, eye, ground, air, extinction_per_m, azimuth, tangents, foreground, end, step, buffers
+    column,
+    terrain,
+    viewpoint,
+    ground,
+    air,
+    extinction_per_m,
+    azimuth,
+    tangents,
+    foreground,
+    end,
+    step,
+    buffers,
 ):
     """Fill one column with terrain from the row above ``end`` upwards.
 
     Returns the highest row that terrain fills at its centre (``end`` if none) and the skyline's tangent.
     """
     height_m, block_max_m, max_height_m, drop, chunk_m = terrain
-    row, col, altitude_m, reach_m, track = eye
+    row, col, altitude_m, reach_m, track = viewpoint
     times, z0, z1 = buffers
     rows, cols = height_m.shape
     ray = ray_polynomial(track, azimuth)

@@ -13,7 +13,7 @@ from sim.world.truth import Standpoint, Vehicle, World
 Picture = Callable[[NDArray[np.float64], np.random.Generator], NDArray[np.uint8]]
 
 
-class Eye:
+class SceneCamera:
     """A picture of its own, or the world's terrain and sky."""
 
     def __init__(self, world: World, picture: Picture | None) -> None:
@@ -25,7 +25,7 @@ class Eye:
         """As ``Picture``; by one thread."""
         return self._picture(rotation, rng)
 
-    def look_from(self, standpoint: Standpoint) -> None:
+    def move_to(self, standpoint: Standpoint) -> None:
         """Draw the view from another place, and show that from now on."""
         if self._drawn:
             there = replace(self._world, vehicle=Vehicle(standpoint))

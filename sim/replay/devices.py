@@ -8,7 +8,7 @@ from typing import Any
 from sim.devices.dynamixel_packet import HEADER, Instruction, Request, RequestReader
 from sim.devices.pty_port import PtyPort
 from sim.replay.registers import RESERVED, set_up_answer
-from sim.replay.response_lookup import Asked, Recorded, epoch_heard
+from sim.replay.response_lookup import RecordedExchange, ResponseLookup, epoch_heard
 
 NO_ACKNOWLEDGE = 121
 LISTENER_S = 0.3
@@ -58,8 +58,11 @@ class ReplayedChip:
     ) -> None:
         self.address = address
         self._say = say
-        self._recorded: Recorded[Exchange] = Recorded(
-            [Asked((bytes.fromhex(e["write"]), e["length"]), e, not e["length"], at) for e, at in exchanges],
+        self._recorded: ResponseLookup[Exchange] = ResponseLookup(
+            [
+                RecordedExchange((bytes.fromhex(e["write"]), e["length"]), e, not e["length"], at)
+                for e, at in exchanges
+            ],
             epoch,
             cut_polls_go_on=True,
         )
@@ -108,17 +111,17 @@ class ReplayedServos:
         self._say = say
         self._models = models or {}
         self._reader = RequestReader()
-        asked: list[Asked[bytes]] = []
+        asked: list[RecordedExchange[bytes]] = []
         request, answer, since = b"", b"", 0
         for exchange, epoch in [*exchanges, ({"sent": ""}, 0)]:
             if "sent" in exchange:
                 if request:
                     key = _key(request)
-                    asked.append(Asked(key, answer, _is_command(key), since))
+                    asked.append(RecordedExchange(key, answer, _is_command(key), since))
                 request, answer, since = bytes.fromhex(exchange["sent"]), b"", epoch
             else:
                 answer += bytes.fromhex(exchange["received"])
-        self._recorded = Recorded(asked, self.epoch)
+        self._recorded = ResponseLookup(asked, self.epoch)
         self._speaks_packets = any(isinstance(each.request, Request) for each in asked)
 
     def epoch(self) -> int:
@@ -137,7 +140,7 @@ class ReplayedServos:
         return self._recorded.ran_out
 
     def _answer(self, request: Request | bytes) -> bytes:
-        answer = self._recorded.answer(self._made_then(request))
+        answer = self._recorded.answer(self._recorded_request(request))
         if answer is None and isinstance(request, Request):
             answer = set_up_answer(request, self._models) or None
         if answer is None:
@@ -149,7 +152,7 @@ class ReplayedServos:
             self._say(f"holds no {_described(request)}{of_pictures}")
         return answer or b""
 
-    def _made_then(self, request: Request | bytes) -> Request | bytes:
+    def _recorded_request(self, request: Request | bytes) -> Request | bytes:
         """The request of then that this one is: itself, or the nearest goal where it is a goal."""
         requests = [each for each in self._recorded.requests if isinstance(each, Request)]
         if request in requests or not isinstance(request, Request) or not _is_goal_of(request):

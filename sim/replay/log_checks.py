@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-MOST_TRANSFER = 1 << 16
+MAX_TRANSFER = 1 << 16
 
 
 def check_exchange(exchange: Any) -> None:
@@ -18,7 +18,7 @@ def check_exchange(exchange: Any) -> None:
         _text(exchange, "bus")
         _whole(exchange, "address", 0x7F)
         _bytes(exchange, "write")
-        _whole(exchange, "length", MOST_TRANSFER)
+        _whole(exchange, "length", MAX_TRANSFER)
         if "errno" in exchange:
             _whole(exchange, "errno", 4095)
         else:
@@ -65,5 +65,5 @@ def _bytes(fields: Mapping[str, Any], key: str) -> None:
         data = bytes.fromhex(value) if isinstance(value, str) else None
     except ValueError:
         data = None
-    if data is None or len(data) > MOST_TRANSFER:
+    if data is None or len(data) > MAX_TRANSFER:
         raise ValueError(f"{key} is no bytes in hexadecimal digits")

@@ -28,7 +28,7 @@ GREY = 128
 NOTES_SHOWN = 3
 
 
-class Notes:
+class ReplayNotes:
     """What the log could not answer, each told once, and which devices were asked more than it holds."""
 
     def __init__(self, exchanges: Sequence[Exchange]) -> None:
@@ -122,7 +122,7 @@ class Replay:
     config_path: Path
     environment: Mapping[str, str]
     """For the command: its configuration, and the clock of then."""
-    notes: Notes
+    notes: ReplayNotes
 
 
 @contextmanager
@@ -144,7 +144,7 @@ def replaying(path: Path) -> Iterator[Replay]:
         SimulationError: as ``load_log``.
     """
     config, exchanges = load_log(path)
-    notes = Notes(exchanges)
+    notes = ReplayNotes(exchanges)
     with ExitStack() as running:
         folder = Path(running.enter_context(tempfile.TemporaryDirectory(prefix="skyfix-replay-")))
         sections = [section for section in config.values() if isinstance(section, dict)]
@@ -202,7 +202,7 @@ def _models(config: Mapping[str, Any]) -> dict[int, str]:
 
 
 def _bridge(
-    by_bus: Mapping[str, Sequence[tuple[Exchange, int]]], epoch: Callable[[], int], notes: Notes
+    by_bus: Mapping[str, Sequence[tuple[Exchange, int]]], epoch: Callable[[], int], notes: ReplayNotes
 ) -> I2cBridge:
     buses = list(by_bus)
     chips: dict[int, list[ReplayedChip]] = {}

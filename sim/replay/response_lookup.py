@@ -21,7 +21,7 @@ Answer = TypeVar("Answer")
 
 
 @dataclass(frozen=True)
-class Asked(Generic[Answer]):
+class RecordedExchange(Generic[Answer]):
     """One exchange. A command changes what the device does, a request that is none only asks.
 
     ``epoch`` counts the goals that the head had been given: what was read at one of its stops has the same.
@@ -33,7 +33,7 @@ class Asked(Generic[Answer]):
     epoch: int = 0
 
 
-class Recorded(Generic[Answer]):
+class ResponseLookup(Generic[Answer]):
     """The exchanges with one device, in order. ``epoch`` tells at which stop of the head the program is now.
 
     The same request several times in a row is a poll: it gets the answers of then in their order, and the last one for as
@@ -43,7 +43,7 @@ class Recorded(Generic[Answer]):
 
     def __init__(
         self,
-        exchanges: Sequence[Asked[Answer]],
+        exchanges: Sequence[RecordedExchange[Answer]],
         epoch: Callable[[], int] = lambda: 0,
         *,
         cut_polls_go_on: bool = False,
@@ -72,7 +72,7 @@ class Recorded(Generic[Answer]):
         return self._starts.keys()
 
     @property
-    def at(self) -> Asked[Answer] | None:
+    def at(self) -> RecordedExchange[Answer] | None:
         """The exchange that was repeated last."""
         return None if self._at is None else self._exchanges[self._at]
 

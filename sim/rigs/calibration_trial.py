@@ -25,7 +25,7 @@ from sim.render.calibration_target import CalibrationTargetPictures
 from sim.render.panorama import render_panorama
 from sim.render.renderer import Renderer
 from sim.rigs.bundle_error import BundleError, CameraLog, bundle_error
-from sim.rigs.parallel import side_by_side
+from sim.rigs.parallel import run_in_parallel
 from sim.world.mechanics import Rotation
 from sim.world.scenario import Scenario
 from sim.world.truth import World
@@ -75,7 +75,7 @@ class RigResult:
         return not self.refused and all(abs(getattr(self, name)) <= limit for name, limit in LIMITS.items())
 
 
-class _Sight:
+class _CameraScene:
     """What the camera sees: the world, or the board while it is held up. Keeps where it looked."""
 
     def __init__(self, world: World) -> None:
@@ -97,19 +97,19 @@ def calibrate_rigs(
     scenario: Scenario,
     seeds: Sequence[int],
     jobs: int,
-    hear: Callable[[RigResult], None],
+    on_result: Callable[[RigResult], None],
     keep: Path | None,
 ) -> list[RigResult]:
     """Calibrate one rig for each seed, ``jobs`` at a time.
 
-    ``hear`` is told of each when it is done, ``keep`` gets files and bundles. Whatever ends this early ends the rigs that
+    ``on_result`` is told of each when it is done, ``keep`` gets files and bundles. Whatever ends this early ends the rigs that
     have begun.
     """
     one = partial(calibrate_rig, list(dem_paths), scenario, keep=keep)
     results = []
-    with closing(side_by_side(one, seeds, jobs)) as done:
+    with closing(run_in_parallel(one, seeds, jobs)) as done:
         for result in done:
-            hear(result)
+            on_result(result)
             results.append(result)
     return sorted(results, key=lambda result: result.seed)
 
@@ -162,8 +162,10 @@ def _errors(
 
 
 @contextmanager
-def _running(world: World, calibration: dict[str, Path] | None) -> Iterator[tuple[SimulatedRig, _Sight]]:
-    sight = _Sight(world)
+def _running(
+    world: World, calibration: dict[str, Path] | None
+) -> Iterator[tuple[SimulatedRig, _CameraScene]]:
+    sight = _CameraScene(world)
     with simulated_rig(world, picture=sight.picture, calibration=calibration) as rig:
         config = rig.config_path.read_text(encoding="utf-8")
         # As a careful installer has it: the gears' play stays on one side.
@@ -209,7 +211,7 @@ def _later(scenario: Scenario) -> Scenario:
 
 
 def _calibrate(
-    rig: SimulatedRig, sight: _Sight, world: World, dem_paths: Sequence[Path], folder: Path
+    rig: SimulatedRig, sight: _CameraScene, world: World, dem_paths: Sequence[Path], folder: Path
 ) -> dict[str, Path]:
     """All five calibrations in their order; the files by kind."""
     driving = world.rng("steering")
@@ -236,7 +238,7 @@ def _calibrate(
     return {kind: (rig.config_path.parent / file).resolve() for kind, file in named.items()}
 
 
-def _capture(rig: SimulatedRig, sight: _Sight, world: World, out: Path) -> BundleError:
+def _capture(rig: SimulatedRig, sight: _CameraScene, world: World, out: Path) -> BundleError:
     done = operate(
         ["rig", "capture", "--out", str(out)], rig.environment, lambda line: None, lambda line: None
     )

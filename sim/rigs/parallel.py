@@ -18,7 +18,7 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 
-def side_by_side(one: Callable[[Item], Result], items: Sequence[Item], jobs: int) -> Generator[Result]:
+def run_in_parallel(one: Callable[[Item], Result], items: Sequence[Item], jobs: int) -> Generator[Result]:
     """What ``one`` makes of each item in a process of its own, ``jobs`` at a time, as they are done.
 
     A ``SkyfixError`` there is raised here. Where the iteration ends early (close it), whatever ends it, the processes that
@@ -29,11 +29,13 @@ def side_by_side(one: Callable[[Item], Result], items: Sequence[Item], jobs: int
     try:
         while waiting or running:
             while waiting and len(running) < jobs:
-                heard, told = multiprocessing.Pipe(duplex=False)
-                process = multiprocessing.Process(target=_work, args=(one, waiting.pop(), told), daemon=True)
+                heard, result_pipe = multiprocessing.Pipe(duplex=False)
+                process = multiprocessing.Process(
+                    target=_work, args=(one, waiting.pop(), result_pipe), daemon=True
+                )
                 process.start()
                 running[heard] = process
-                told.close()
+                result_pipe.close()
             for result in wait(list(running)):
                 assert isinstance(result, Connection)
                 done, error = _received(result, running[result])
@@ -61,14 +63,14 @@ def _received(result: Connection, process: BaseProcess) -> Any:
             raise RuntimeError(f"a process ended with status {process.exitcode} and no result") from None
 
 
-def _work(one: Callable[[Item], Result], item: Item, told: Connection) -> None:
+def _work(one: Callable[[Item], Result], item: Item, result_pipe: Connection) -> None:
     # Ctrl-C reaches the whole process group: the parent decides.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _end)
     try:
-        told.send((one(item), None))
+        result_pipe.send((one(item), None))
     except SkyfixError as error:
-        told.send((None, error))
+        result_pipe.send((None, error))
 
 
 def _end(number: int, frame: FrameType | None) -> None:

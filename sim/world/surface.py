@@ -326,14 +326,14 @@ def piece_maximum(s0, z0, s1, z1, altitude_m, drop):  # type: ignore[no-untyped-
 
 @njit(cache=True)
 def horizon_tangent(  # type: ignore[no-untyped-def]
-    height_m, block_max_m, max_height_m, drop, chunk_m, eye, azimuth, floor, times, z0, z1
+    height_m, block_max_m, max_height_m, drop, chunk_m, viewpoint, azimuth, floor, times, z0, z1
 ):
     """Tangent of the horizon's elevation along one azimuth, and its distance, m.
 
     NaN where no terrain appears above the tangent ``floor``: a floor just below a good guess saves the look
     at most of the terrain, minus infinity asks for all of it.
     """
-    row, col, altitude_m, reach_m, track = eye
+    row, col, altitude_m, reach_m, track = viewpoint
     rows, cols = height_m.shape
     ray = ray_polynomial(track, azimuth)
     best, at = floor, np.nan
@@ -364,26 +364,26 @@ def horizon_tangent(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _horizons(terrain, eye, azimuths, tangents, distances):  # type: ignore[no-untyped-def]
+def _horizons(terrain, viewpoint, azimuths, tangents, distances):  # type: ignore[no-untyped-def]
     """Fill the tangents and distances of the horizon at some azimuths."""
     height_m, block_max_m, max_height_m, drop, chunk_m = terrain
     times, z0, z1 = np.empty(MAX_CROSSINGS + 1), np.empty(MAX_CROSSINGS), np.empty(MAX_CROSSINGS)
     for k in range(len(azimuths)):
         tangents[k], distances[k] = horizon_tangent(
-            height_m, block_max_m, max_height_m, drop, chunk_m, eye, azimuths[k], -np.inf, times, z0, z1
+            height_m, block_max_m, max_height_m, drop, chunk_m, viewpoint, azimuths[k], -np.inf, times, z0, z1
         )
 
 
 @njit(cache=True, parallel=True)
-def _many_horizons(terrain, eye, azimuths, tangents, distances):  # type: ignore[no-untyped-def]
+def _many_horizons(terrain, viewpoint, azimuths, tangents, distances):  # type: ignore[no-untyped-def]
     for task in prange((len(azimuths) + AZIMUTHS_PER_TASK - 1) // AZIMUTHS_PER_TASK):
         part = slice(task * AZIMUTHS_PER_TASK, (task + 1) * AZIMUTHS_PER_TASK)
-        _horizons(terrain, eye, azimuths[part], tangents[part], distances[part])
+        _horizons(terrain, viewpoint, azimuths[part], tangents[part], distances[part])
 
 
 @njit(cache=True)
-def _profile(height_m, chunk_m, eye, azimuth):  # type: ignore[no-untyped-def]
-    row, col, _, reach_m, track = eye
+def _profile(height_m, chunk_m, viewpoint, azimuth):  # type: ignore[no-untyped-def]
+    row, col, _, reach_m, track = viewpoint
     rows, cols = height_m.shape
     ray = ray_polynomial(track, azimuth)
     times, z0, z1 = np.empty(MAX_CROSSINGS + 1), np.empty(MAX_CROSSINGS), np.empty(MAX_CROSSINGS)

@@ -219,7 +219,7 @@ class World:
         Raises:
             SimulationError: the DEM has no height there.
         """
-        observer = _eye_at(self.surface, self.scenario, lat_deg, lon_deg)
+        observer = _observer_at(self.surface, self.scenario, lat_deg, lon_deg)
         return _standpoint(self.scenario, self.biases, _place(self.surface, observer), observer)
 
     def rng(self, purpose: str) -> np.random.Generator:
@@ -316,7 +316,7 @@ def draw_place(
     """
     conditions = scenario.place
     if conditions.lat_deg is not None and conditions.lon_deg is not None:
-        return _eye_at(surface, scenario, conditions.lat_deg, conditions.lon_deg)
+        return _observer_at(surface, scenario, conditions.lat_deg, conditions.lon_deg)
     inside_m = _distance_from_edge_m(surface)
     suits = inside_m > conditions.edge_margin_m
     candidates = np.argwhere(suits if allowed is None else suits & allowed)
@@ -325,7 +325,7 @@ def draw_place(
         drivable = surface.slope_deg(row, col) < conditions.max_slope_deg
         if not drivable or _on_water(surface, round(row), round(col)):
             continue
-        observer = _eye(surface, scenario, float(row), float(col))
+        observer = _observer_above_ground(surface, scenario, float(row), float(col))
         if (
             _enclosed_fraction(surface, observer, inside_m, conditions.edge_margin_m)
             >= conditions.enclosed_fraction
@@ -337,13 +337,13 @@ def draw_place(
     )
 
 
-def _eye_at(surface: Surface, scenario: Scenario, lat_deg: float, lon_deg: float) -> Observer:
+def _observer_at(surface: Surface, scenario: Scenario, lat_deg: float, lon_deg: float) -> Observer:
     row, col = (float(x) for x in surface.terrain.row_col(lon_deg, lat_deg))
     if not np.isfinite(surface.height(row, col)):
         raise SimulationError(
             f"DEM {surface.terrain.name}: has no height at {lat_deg:.5f}, {lon_deg:.5f}; choose another [place]"
         )
-    return _eye(surface, scenario, row, col)
+    return _observer_above_ground(surface, scenario, row, col)
 
 
 def _standpoint(scenario: Scenario, biases: Biases, place: TruePlace, observer: Observer) -> Standpoint:
@@ -356,7 +356,7 @@ def _standpoint(scenario: Scenario, biases: Biases, place: TruePlace, observer: 
     return Standpoint(place, observer, field)
 
 
-def _eye(surface: Surface, scenario: Scenario, row: float, col: float) -> Observer:
+def _observer_above_ground(surface: Surface, scenario: Scenario, row: float, col: float) -> Observer:
     return surface.observer(row, col, surface.height(row, col) + scenario.vehicle.mast_height_m)
 
 

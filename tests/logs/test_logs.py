@@ -69,7 +69,7 @@ def rounded(value: Any) -> Any:
 @pytest.mark.parametrize("log", LOGS, ids=lambda log: log.stem)
 def test_a_log_gives_the_readings_that_are_stored_with_it(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for driver in AVERAGED:
-        monkeypatch.setattr(f"rig.devices.sensors.{driver}.LEAST_READINGS", 1)
+        monkeypatch.setattr(f"rig.devices.sensors.{driver}.MIN_READINGS", 1)
     with replayed(log) as config_path:
         found = rounded(readings(load_config(config_path)))
     expected = log.with_suffix(".json")

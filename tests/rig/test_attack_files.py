@@ -35,7 +35,7 @@ from rig.clock import utc_now
 from rig.commands.cli import rig
 from rig.config.calibration_files import CalibrationError, read_calibration
 from rig.config.load import load_config
-from rig.config.run import control_in_bad
+from rig.config.run import control_socket_of_invalid_config
 from rig.daemon.http.access_control import read_token
 from rig.daemon.spool.index import stored_leg
 from rig.daemon.spool.store import Spool
@@ -94,7 +94,7 @@ def test_every_reader_of_toml_refuses_it_in_one_line(tmp_path: Path, reader: str
     assert time.monotonic() - begun < 1.0
     assert str(file) in str(refusal.value)
     assert len(str(refusal.value)) < 600
-    assert control_in_bad(file) is None
+    assert control_socket_of_invalid_config(file) is None
 
 
 @pytest.mark.parametrize("reader", JSON_READERS)
@@ -146,7 +146,7 @@ def test_a_byte_order_mark_before_each_toml(tmp_path: Path) -> None:
     file = tmp_path / "vehicle.toml"
     file.write_bytes(BOM + EXAMPLE.read_bytes())
     assert load_config(file).pan_tilt == load_config(EXAMPLE).pan_tilt
-    assert control_in_bad(file) == tmp_path / "spool" / "control.sock"
+    assert control_socket_of_invalid_config(file) == tmp_path / "spool" / "control.sock"
     name_in_config(file, "camera", tmp_path / "calibration" / "camera.json")
     assert 'camera = "calibration/camera.json"' in file.read_text(encoding="utf-8")
     (tmp_path / "x.toml").write_bytes(BOM + b'[[fault]]\nat = 1\ndevice = "compass"\nfault = "nack"\n')
@@ -329,7 +329,7 @@ def test_a_chunk_of_telemetry_that_unpacks_to_too_much_is_not_unpacked(
     path = telemetry(tmp_path / "x.mcap", compression, 30_000_000)
     assert path.stat().st_size < 500_000
     assert [len(logged.message.data) for logged in TelemetryFile(path)] == [30_000_000]
-    monkeypatch.setattr(reader, "MOST_RECORD_BYTES", 10_000_000)
+    monkeypatch.setattr(reader, "MAX_RECORD_BYTES", 10_000_000)
     with pytest.raises(TelemetryReadError, match="no MCAP file"):
         list(TelemetryFile(path))
 

@@ -192,7 +192,7 @@ def test_what_the_rig_says_is_never_taken_for_markup(rig: Rig, window: Callable[
     with rig.serving() as url, window("desktop") as page:  # type: ignore[attr-defined]
         page.open(url)
         rig.daemon_state.set_device("camera", "failing", evil)
-        rig.daemon_state.tell("capture", stage="failed", reason=evil)
+        rig.daemon_state.emit("capture", stage="failed", reason=evil)
         page.until_says("devices", "<script>")
         page.until_says("log", "<script>")
         assert page.does("document.querySelectorAll('#log img, #devices img').length") == 0

@@ -19,7 +19,7 @@ COMMON_SHARE, COMMON_SPAN = 0.25, 0.7
 FACTORS = 1.5 ** np.arange(-2, 8)
 """By which the DEM may be better or worse than told. No better than half: a lucky fit is no survey."""
 OUTLIER_SIGMAS = 1.5
-LEAST_SPREAD = 0.3
+MIN_SPREAD = 0.3
 """A point that is off by more than so many times what the others are is distrusted, with the square of how much more.
 
 In haze a far ridge is now and then traced along a nearer one below it: always to the same side, and at up to a third of it.
@@ -59,7 +59,7 @@ def fit_dem_error_model(
     The DEM's factor is the likeliest one; points far off have their image distrusted.
     """
     sigma_deg = np.hypot(image_deg, dem_deg)
-    spread = max(1.4826 * float(np.median(np.abs(left_deg / sigma_deg))), LEAST_SPREAD)
+    spread = max(1.4826 * float(np.median(np.abs(left_deg / sigma_deg))), MIN_SPREAD)
     distrust = np.maximum(np.abs(left_deg) / (OUTLIER_SIGMAS * spread * sigma_deg), 1.0) ** 2
     of_image = np.diag((image_deg * distrust) ** 2)
     roots = [np.linalg.cholesky(alike_deg2 * factor**2 + of_image) for factor in FACTORS]

@@ -22,8 +22,8 @@ from rig.config.calibration_files import CalibrationError
 
 Vector = NDArray[np.float64]
 
-LEAST_FRAMES = 3
-LEAST_SHARE = 0.25
+MIN_FRAMES = 3
+MIN_SHARE = 0.25
 MISFIT_LIMIT_DEG = 0.2
 MISFIT_SIGMAS = 3.0
 DEM_FACTOR_LIMIT = 5.0
@@ -189,9 +189,9 @@ def _where_the_dem_knows(
         known = ~profile.ends(azimuth)
         share = frame.share * float(known.mean()) if len(known) else 0.0
         kept.append(replace(frame, rays=frame.rays[known], sigma_deg=frame.sigma_deg[known], share=share))
-    clear = sum(frame.share >= LEAST_SHARE for frame in frames)
-    left = sum(frame.share >= LEAST_SHARE for frame in kept)
-    if left < LEAST_FRAMES:
+    clear = sum(frame.share >= MIN_SHARE for frame in frames)
+    left = sum(frame.share >= MIN_SHARE for frame in kept)
+    if left < MIN_FRAMES:
         raise CalibrationError(
             f"boresight: in {clear - left} of the {clear} frames that show a skyline it is where the DEM ends; take a larger"
         )
@@ -199,8 +199,8 @@ def _where_the_dem_knows(
 
 
 def _require_skyline(frames: Sequence[SkylineFrame]) -> None:
-    seeing = [frame for frame in frames if frame.share >= LEAST_SHARE]
-    if len(seeing) < LEAST_FRAMES:
+    seeing = [frame for frame in frames if frame.share >= MIN_SHARE]
+    if len(seeing) < MIN_FRAMES:
         shares = ", ".join(f"{frame.label} {frame.share:.0%}" for frame in frames)
         raise CalibrationError(
             f"boresight: the skyline shows in {len(seeing)} of {len(frames)} frames only ({shares} of the columns); "

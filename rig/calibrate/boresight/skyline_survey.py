@@ -23,7 +23,7 @@ Vector = NDArray[np.float64]
 POINTS_APART_PX = 12
 SECOND_TILT_SHARE = 0.65  # of half the picture's height
 CENTRAL_SHARE = 0.05
-LEAST_SIGMA_PX = 0.3
+MIN_SIGMA_PX = 0.3
 HEADING_CHANGE_LIMIT_DEG = 1.0
 LEVEL_CHANGE_LIMIT_DEG = 0.1
 """By how much a vehicle that stands may seem to have moved, by the noise of compass and inclinometer."""
@@ -101,7 +101,7 @@ def skyline_frame(
     sure = (skyline.state == ColumnState.OK) & (skyline.confidence >= CONFIDENT)
     columns = columns[sure[columns]]
     rays = pixel_rays(config.camera, columns, skyline.row_px[columns]) if len(columns) else np.empty((0, 3))
-    sigma_px = np.maximum(skyline.sigma_px[columns], LEAST_SIGMA_PX)
+    sigma_px = np.maximum(skyline.sigma_px[columns], MIN_SIGMA_PX)
     return SkylineFrame(
         label,
         head_attitude(base_estimate, view.stop),

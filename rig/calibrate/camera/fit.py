@@ -13,16 +13,16 @@ from rig.config.calibration_files import CalibrationError
 
 Vector = NDArray[np.float64]
 
-LEAST_VIEWS = 10
+MIN_VIEWS = 10
 GRID = (8, 6)  # columns, rows
-LEAST_COVERAGE = 0.75
+MIN_COVERAGE = 0.75
 RMS_LIMIT_PX = 0.7
 FOCAL_SIGMA_LIMIT = 0.003
 FIELD_OF_VIEW_DEG = (5.0, 150.0)
 SQUARENESS_LIMIT = 0.03
 CENTRE_LIMIT = 0.15  # of the picture's size
 BAD_VIEW = 3.0  # in medians
-MOST_BAD_VIEWS = 0.2
+MAX_BAD_VIEWS = 0.2
 SIGNIFICANT = 3.0
 NAMES = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2", "k3")
 
@@ -62,7 +62,7 @@ def fit_camera(views: Sequence[TargetView], size_px: tuple[int, int]) -> CameraF
     first = _calibrate(used, size_px, fixed_k3=False)
     bad = first.per_view_px > BAD_VIEW * np.median(first.per_view_px)
     dropped = tuple(view.name for view, is_bad in zip(used, bad, strict=True) if is_bad)
-    if dropped and len(dropped) <= MOST_BAD_VIEWS * len(used):
+    if dropped and len(dropped) <= MAX_BAD_VIEWS * len(used):
         used = [view for view, is_bad in zip(used, bad, strict=True) if not is_bad]
         first = _calibrate(used, size_px, fixed_k3=False)
     else:
@@ -122,19 +122,19 @@ def _calibrate(views: Sequence[TargetView], size_px: tuple[int, int], fixed_k3: 
 
 
 def _require_views(views: Sequence[TargetView], size_px: tuple[int, int]) -> None:
-    if len(views) < LEAST_VIEWS:
+    if len(views) < MIN_VIEWS:
         raise CalibrationError(
-            f"camera: the board was found in {len(views)} pictures only; take {LEAST_VIEWS} or more, "
+            f"camera: the board was found in {len(views)} pictures only; take {MIN_VIEWS} or more, "
             "sharp and with most of the board in them"
         )
     covered = coverage(views, size_px)
-    if covered < LEAST_COVERAGE:
+    if covered < MIN_COVERAGE:
         empty = coverage_grid(views, size_px) == 0
         rows, cols = np.nonzero(empty)
         side = "left" if cols.mean() < (GRID[0] - 1) / 2 else "right"
         height = "upper" if rows.mean() < (GRID[1] - 1) / 2 else "lower"
         raise CalibrationError(
-            f"camera: the board covered {covered:.0%} of the picture, {LEAST_COVERAGE:.0%} are needed; "
+            f"camera: the board covered {covered:.0%} of the picture, {MIN_COVERAGE:.0%} are needed; "
             f"show it towards the edges and corners too, most of all the {height} {side}"
         )
 

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 
-from rig.calibrate.camera.fit import LEAST_COVERAGE, NAMES, CameraFit, coverage, coverage_grid, fit_camera
+from rig.calibrate.camera.fit import MIN_COVERAGE, NAMES, CameraFit, coverage, coverage_grid, fit_camera
 from rig.calibrate.camera.target import CalibrationTarget, TargetView
 from rig.calibrate.figures import new_figure
 from rig.calibrate.guide import Guide
@@ -124,7 +124,7 @@ def views_from_camera(
             views.append(view)
             newest_s = time.monotonic()
             guide.say(progress(views, size_px, wanted))
-            if len(views) >= wanted and coverage(views, size_px) >= LEAST_COVERAGE:
+            if len(views) >= wanted and coverage(views, size_px) >= MIN_COVERAGE:
                 break
         before = view
     return views

@@ -14,7 +14,7 @@ Vector = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
 DICTIONARY = cv2.aruco.DICT_4X4_250
-LEAST_CORNERS = 12
+MIN_CORNERS = 12
 PRINT_PX_MM = 12  # some 300 dots an inch
 _USAGE = "give charuco:COLUMNSxROWS:SQUARE_MM:MARKER_MM or chessboard:COLUMNSxROWS:SQUARE_MM (inner corners)"
 
@@ -81,7 +81,7 @@ def _charuco_finder(board: cv2.aruco.CharucoBoard) -> Callable[[str, Image], Tar
 
     def find(name: str, image: Image) -> TargetView | None:
         corners, ids, _, _ = detector.detectBoard(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))
-        if ids is None or len(ids) < LEAST_CORNERS:
+        if ids is None or len(ids) < MIN_CORNERS:
             return None
         numbers = np.asarray(ids, np.int64).ravel()
         return TargetView(name, numbers, all_mm[numbers], np.asarray(corners, float).reshape(-1, 2))

@@ -28,9 +28,9 @@ from rig.config.calibration_files import CalibrationError
 
 Vector = NDArray[np.float64]
 
-LEAST_ANGLES = 4
-LEAST_HEADINGS = 4
-LEAST_TURN_DEG = 200.0
+MIN_ANGLES = 4
+MIN_HEADINGS = 4
+MIN_TURN_DEG = 200.0
 READING_SIGMA_UT = 0.05
 EARTH_PRIOR_UT = 0.25  # the crust's part, which the model does not have
 WIDE_EARTH_PRIOR_UT = 20.0  # of a field that the compass is asked about instead of the model
@@ -68,12 +68,12 @@ def fit_compass(stops: Sequence[VehicleStop], earth: EarthField) -> CompassFit:
     the World Magnetic Model's.
     """
     for stop in stops:
-        if len(stop.pan_deg) < LEAST_ANGLES or np.ptp(stop.pan_deg) < LEAST_TURN_DEG:
+        if len(stop.pan_deg) < MIN_ANGLES or np.ptp(stop.pan_deg) < MIN_TURN_DEG:
             raise CalibrationError(
                 f"compass: read at {len(stop.pan_deg)} pan angles through {np.ptp(stop.pan_deg):.0f} deg only; "
-                f"take {LEAST_ANGLES} or more through {LEAST_TURN_DEG:g} deg"
+                f"take {MIN_ANGLES} or more through {MIN_TURN_DEG:g} deg"
             )
-    turned = len(stops) >= LEAST_HEADINGS
+    turned = len(stops) >= MIN_HEADINGS
     vehicle_prior_ut = WIDE_VEHICLE_PRIOR_UT if turned else VEHICLE_PRIOR_UT
     found = _fit(stops, earth, vehicle_prior_ut, EARTH_PRIOR_UT)
     iron = CompassModel(found.unknowns, earth).iron()
@@ -220,8 +220,6 @@ def _require_plausible(iron: Iron, heading_sigma_deg: float, turned: bool) -> No
         )
     if heading_sigma_deg > SIGMA_LIMIT_DEG:
         remedy = (
-            "read more pan angles"
-            if turned
-            else f"turn the vehicle too, to {LEAST_HEADINGS} headings or more"
+            "read more pan angles" if turned else f"turn the vehicle too, to {MIN_HEADINGS} headings or more"
         )
         raise CalibrationError(f"compass: headings are known to {heading_sigma_deg:.1f} deg only; {remedy}")

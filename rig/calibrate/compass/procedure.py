@@ -13,7 +13,7 @@ from rig.attitude.magnetic_model import ModelField, model_field
 from rig.calibrate.compass.earth_field import dip_deg
 from rig.calibrate.compass.fit import CompassFit, fit_compass
 from rig.calibrate.compass.model import EarthField, VehicleStop
-from rig.calibrate.compass.torque import TorqueField, read_held_and_free, torque_field
+from rig.calibrate.compass.torque import TorqueField, read_with_torque_on_and_off, torque_field
 from rig.calibrate.figures import new_figure
 from rig.calibrate.run import CalibrationRun
 from rig.capture.base_attitude import Stop, read_stop
@@ -50,7 +50,7 @@ def calibrate_compass(run: CalibrationRun, headings: int, angles: int) -> None:
             for index, pan_deg in enumerate(pans_deg):
                 stops.append(read_stop(rig, JointAngles(pan_deg, 0.0), READING_S))
                 if index in let_go_at:
-                    held_and_free.append(read_held_and_free(rig, stops[-1], section, READING_S))
+                    held_and_free.append(read_with_torque_on_and_off(rig, stops[-1], section, READING_S))
             vehicle_stops.append(vehicle_stop(config, section, stops))
             guide.say(f"heading {number} of {headings}: read at {len(stops)} pan angles")
     earth = EarthField(model.horizontal_ut, model.down_ut, model.declination_sigma_deg)

@@ -20,13 +20,13 @@ Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class HeldAndFree:
+class TorqueOnOffPair:
     """Fields (3,), uT in stage axes, with torque and without, and where the pan stood each time."""
 
-    held_ut: Vector
-    free_ut: Vector
-    held_pan_deg: float
-    free_pan_deg: float
+    torque_on_ut: Vector
+    torque_off_ut: Vector
+    torque_on_pan_deg: float
+    torque_off_pan_deg: float
 
 
 @dataclass(frozen=True)
@@ -43,20 +43,25 @@ class TorqueField:
     varying_deg: float
 
 
-def read_held_and_free(rig: Rig, held: Stop, section: Mmc5983maSection, duration_s: float) -> HeldAndFree:
+def read_with_torque_on_and_off(
+    rig: Rig, held: Stop, section: Mmc5983maSection, duration_s: float
+) -> TorqueOnOffPair:
     """Let go of the head where a stop was just read, and read again. ``CalibrationError`` where there is no field."""
     rig.pan_tilt.relax()
     free = read_here(rig, rig.pan_tilt.state(), duration_s)
     if held.field is None or free.field is None:
         raise CalibrationError("compass: gave no field; calibrate again")
-    held_ut, free_ut = (
+    torque_on_ut, torque_off_ut = (
         in_axes(np.array(stop.field.mean_ut), section.axes) for stop in (held, free) if stop.field
     )
-    return HeldAndFree(held_ut, free_ut, held.joints.pan_deg, free.joints.pan_deg)
+    return TorqueOnOffPair(torque_on_ut, torque_off_ut, held.joints.pan_deg, free.joints.pan_deg)
 
 
 def torque_field(
-    pairs: Sequence[HeldAndFree], stage_hard_ut: Sequence[float], horizontal_ut: float, capture_angles: int
+    pairs: Sequence[TorqueOnOffPair],
+    stage_hard_ut: Sequence[float],
+    horizontal_ut: float,
+    capture_angles: int,
 ) -> TorqueField:
     """The difference of the readings, but for the turn of a head that gave way when it was let go.
 
@@ -65,10 +70,10 @@ def torque_field(
     hard_ut = np.array(stage_hard_ut)
     changes = []
     for pair in pairs:
-        gave_way = np.radians(pair.free_pan_deg - pair.held_pan_deg)
+        gave_way = np.radians(pair.torque_off_pan_deg - pair.torque_on_pan_deg)
         c, s = np.cos(gave_way), np.sin(gave_way)
-        x, y, z = pair.free_ut - hard_ut
-        changes.append(pair.held_ut - hard_ut - [c * x + s * y, -s * x + c * y, z])
+        x, y, z = pair.torque_off_ut - hard_ut
+        changes.append(pair.torque_on_ut - hard_ut - [c * x + s * y, -s * x + c * y, z])
     change_ut = np.array(changes)
     mean_ut = change_ut.mean(axis=0)
     off_ut = change_ut[:, :2] - mean_ut[:2]

@@ -20,9 +20,9 @@ from rig.config.calibration_files import CalibrationError
 
 Vector = NDArray[np.float64]
 
-LEAST_ANGLES = 6
+MIN_ANGLES = 6
 APART_DEG = 10.0
-LEAST_SPAN_DEG = 180.0
+MIN_SPAN_DEG = 180.0
 RMS_LIMIT_DEG = 0.02
 MOUNTING_LIMIT_DEG = 20.0
 SCALE_LIMIT = 0.15
@@ -161,15 +161,15 @@ def _correction(
 def _require_turn(pans_deg: Sequence[float]) -> None:
     angles = np.sort(pans_deg)
     distinct = 1 + int(np.sum(np.diff(angles) > APART_DEG))
-    if distinct < LEAST_ANGLES:
+    if distinct < MIN_ANGLES:
         raise CalibrationError(
             f"inclinometer: {distinct} pan angles are too few to tell its error from the slope; "
-            f"read it at {LEAST_ANGLES} or more, {APART_DEG:g} deg apart"
+            f"read it at {MIN_ANGLES} or more, {APART_DEG:g} deg apart"
         )
-    if angles[-1] - angles[0] < LEAST_SPAN_DEG:
+    if angles[-1] - angles[0] < MIN_SPAN_DEG:
         raise CalibrationError(
             f"inclinometer: the pan turned through {angles[-1] - angles[0]:.0f} deg only; "
-            f"turn it through {LEAST_SPAN_DEG:g} or more"
+            f"turn it through {MIN_SPAN_DEG:g} or more"
         )
 
 

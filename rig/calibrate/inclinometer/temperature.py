@@ -22,11 +22,11 @@ from rig.devices.connect import Inclinometer
 Vector = NDArray[np.float64]
 
 COLUMNS = ("time", "temperature_c", "x_g", "y_g", "z_g")
-LEAST_SPAN_C = 8.0
-LEAST_READINGS = 10
+MIN_SPAN_C = 8.0
+MIN_READINGS = 10
 RMS_LIMIT_MG = 0.5
 PERIOD_S = 10.0
-MOST_LOG_BYTES = 100_000_000
+MAX_LOG_BYTES = 100_000_000
 """Years of readings."""
 
 
@@ -66,10 +66,10 @@ def read_drift(path: Path) -> Drift:
     log = _read(path)
     temperature, vectors = log[:, 0], log[:, 1:]
     span_c = float(np.ptp(temperature))
-    if len(log) < LEAST_READINGS or span_c < LEAST_SPAN_C:
+    if len(log) < MIN_READINGS or span_c < MIN_SPAN_C:
         raise CalibrationError(
-            f"{path}: {len(log)} readings over {span_c:.1f} C tell no drift; log {LEAST_READINGS} or more "
-            f"over {LEAST_SPAN_C:g} C or more"
+            f"{path}: {len(log)} readings over {span_c:.1f} C tell no drift; log {MIN_READINGS} or more "
+            f"over {MIN_SPAN_C:g} C or more"
         )
     design = np.column_stack([temperature - temperature.mean(), np.ones(len(log))])
     solution, *_ = np.linalg.lstsq(design, vectors, rcond=None)
@@ -85,7 +85,7 @@ def read_drift(path: Path) -> Drift:
 
 def _read(path: Path) -> Vector:
     try:
-        text = read_file(path, MOST_LOG_BYTES).decode("utf-8-sig")
+        text = read_file(path, MAX_LOG_BYTES).decode("utf-8-sig")
         rows = list(csv.DictReader(io.StringIO(text, newline="")))
     except (OSError, UnicodeDecodeError, DocumentError, csv.Error) as error:
         raise CalibrationError(f"{path}: cannot be read as CSV: {error}; name a temperature log") from error

@@ -55,13 +55,13 @@ def bracketed(camera: Camera, usual: Pictures) -> Pictures:
 
     A camera whose exposure cannot be set is left as it is. What is taken in place of ``usual`` is noted.
     """
-    if burnt_share(usual.image_bgr, usual.skyline) <= BURNT_LIMIT or not camera.can_expose:
+    if burnt_share(usual.image_bgr, usual.skyline) <= BURNT_LIMIT or not camera.exposure_is_settable:
         return usual
     tried = [(0.0, usual)]
     try:
         for ev in STEPS_EV:
             camera.expose(ev)
-            darker = pictures_of(camera.frames_after(camera.settled_s(), len(usual.frames)))
+            darker = pictures_of(camera.frames_after(camera.exposure_settled_at_s(), len(usual.frames)))
             tried.append((ev, darker))
             if burnt_share(darker.image_bgr, darker.skyline) <= BURNT_LIMIT:
                 break

@@ -27,7 +27,7 @@ TURNED_DEG = 4.0  # by which two views differ whatever they show
 BLURRED_SHARE = 0.02  # of the height: width of the skyline's edge
 SHARPEST_PX = 4.0
 EDGE_REACH_PX = 15
-LEAST_CONTRAST = 20.0
+MIN_CONTRAST = 20.0
 COLUMNS_NEEDED = 0.2  # of the width
 
 
@@ -85,7 +85,7 @@ def edge_width_px(image: Image, skyline: Skyline) -> float:
     reach = np.arange(-EDGE_REACH_PX, EDGE_REACH_PX + 1)
     strips = grey[np.clip(rows[:, None] + reach, 0, grey.shape[0] - 1), columns[:, None]]
     heights = strips.max(axis=1) - strips.min(axis=1) if len(columns) else np.zeros(0)
-    clear = heights >= LEAST_CONTRAST
+    clear = heights >= MIN_CONTRAST
     if np.count_nonzero(clear) < COLUMNS_NEEDED * grey.shape[1]:
         return 0.0
     slopes = np.abs(np.diff(strips[clear], axis=1)).max(axis=1)

@@ -29,14 +29,14 @@ from rig.errors import ConfigError
 
 _log = logging.getLogger(__name__)
 
-LEAST_TOKEN = 16
-MOST_TOKEN_BYTES = 4096
+MIN_TOKEN = 16
+MAX_TOKEN_BYTES = 4096
 FIRST_DELAY_S, LONGEST_DELAY_S = 0.1, 3.0
 """Of the answer to a wrong token; it doubles with each one."""
 LONGEST_WAIT_S = 15.0
 """With all that came before it."""
-GONE_POLL_S = 0.25
-FORGIVEN_S = 60.0
+DISCONNECT_POLL_S = 0.25
+DELAY_RESET_S = 60.0
 LOG_EVERY_S = 60.0
 
 HEADERS = {
@@ -104,7 +104,7 @@ def read_token(path: Path) -> str:
     """The token in a file, without the white space around it. ``ConfigError`` where it cannot be used."""
     where = f"[run.http] token_file {path}"
     try:
-        token = read_file(path, MOST_TOKEN_BYTES).decode("ascii").strip()
+        token = read_file(path, MAX_TOKEN_BYTES).decode("ascii").strip()
         mode = path.stat().st_mode
     except DocumentError as error:
         raise ConfigError(f"{where}: {error}; make one with: openssl rand -hex 16") from error
@@ -112,9 +112,9 @@ def read_token(path: Path) -> str:
         raise ConfigError(f"{where}: {error.strerror}; make one with: openssl rand -hex 16") from error
     except UnicodeDecodeError:
         raise ConfigError(f"{where}: is not plain ASCII; make one with: openssl rand -hex 16") from None
-    if len(token) < LEAST_TOKEN or not token.isprintable() or " " in token:
+    if len(token) < MIN_TOKEN or not token.isprintable() or " " in token:
         raise ConfigError(
-            f"{where}: holds no token: one word of {LEAST_TOKEN} characters or more; make one with: openssl rand -hex 16"
+            f"{where}: holds no token: one word of {MIN_TOKEN} characters or more; make one with: openssl rand -hex 16"
         )
     if mode & stat.S_IROTH:
         _log.warning("%s can be read by everybody: chmod o-r", where)
@@ -136,7 +136,7 @@ class _WrongTokens:
     async def wrong(self, request: Request) -> None:
         """Wait as long as whoever asked is there, and perhaps tell: who has gone must not be one of many who are served."""
         now_s = time.monotonic()
-        if now_s - self._last_s > FORGIVEN_S:
+        if now_s - self._last_s > DELAY_RESET_S:
             self._lately = 0
         self._lately, self._last_s, self._untold = self._lately + 1, now_s, self._untold + 1
         if now_s - self._told_s > LOG_EVERY_S:
@@ -147,7 +147,7 @@ class _WrongTokens:
         self._next_s = min(max(self._next_s, now_s) + delay_s, now_s + LONGEST_WAIT_S)
         until_s = self._next_s
         while (left_s := until_s - time.monotonic()) > 0.0 and not await request.is_disconnected():
-            await asyncio.sleep(min(left_s, GONE_POLL_S))
+            await asyncio.sleep(min(left_s, DISCONNECT_POLL_S))
 
 
 def token_check(token: str | None, count: Callable[[str], None] = lambda what: None) -> Check:

@@ -40,13 +40,13 @@ from rig.daemon.http.models import (
     track_point,
 )
 from rig.daemon.http.request_limits import RequestLimits
-from rig.daemon.publish.published import newest
-from rig.daemon.readiness import reason
+from rig.daemon.publish.published import newest_answer
+from rig.daemon.readiness import why_not_ready_in_full
 from rig.daemon.state import Actions, DaemonState
 from rig.version import package_version
 
 PAGE = Path(__file__).parent / "page"
-MOST_THREADS = 8
+MAX_THREADS = 8
 """For what reads the disk; one picture each is enough for a page."""
 LOOP, BEAT_S, MAX_INTERVAL_S = "http", 2.0, 30.0
 DESCRIPTION = (
@@ -73,7 +73,7 @@ def make_app(
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
-        anyio.to_thread.current_default_thread_limiter().total_tokens = MOST_THREADS
+        anyio.to_thread.current_default_thread_limiter().total_tokens = MAX_THREADS
         async with event_streams.running(), _sending_heartbeats(heartbeats):
             yield
 
@@ -151,7 +151,7 @@ def _add_state(app: FastAPI, section: HttpServer, daemon_state: DaemonState, can
         Where that is no fix, ``last_fix`` is the last one, with its own age.
         """
         snapshot = daemon_state.snapshot()
-        last = newest(snapshot)
+        last = newest_answer(snapshot)
         if last is None:
             raise HTTPException(404, "no answer yet: nothing has been located")
         return fix_answer(last, snapshot, section.valid_s, Instant.now())
@@ -224,7 +224,7 @@ def _add_actions(app: FastAPI, actions: Actions, daemon_state: DaemonState, toke
         """Begin a capture. One at a time, and nothing is queued."""
         answer = actions.trigger("http")
         if answer != "started":
-            why = f": {reason(daemon_state)}" if answer == "not ready" else ""
+            why = f": {why_not_ready_in_full(daemon_state)}" if answer == "not ready" else ""
             raise HTTPException(TRIGGER_STATUS[answer], f"{TRIGGER_PROBLEM[answer]}{why}")
         return CaptureAnswer(answer=answer)
 

@@ -16,7 +16,7 @@ from localizer.documents import json_values
 from localizer.errors import SkyfixError
 from localizer.show.relief import dem_bounds_m, relief_image
 
-LEAST_PX, MOST_PX = 800, 2000
+MIN_PX, MAX_PX = 800, 2000
 PX_A_CELL = 2
 QUALITY = 85
 SCALES = 9
@@ -34,7 +34,7 @@ def main(choice: str) -> int:
         print(error, file=sys.stderr)
         return 2
     bounds_m = dem_bounds_m(dem)
-    pixels = int(np.clip(PX_A_CELL * max(dem.rows, dem.cols), LEAST_PX, MOST_PX))
+    pixels = int(np.clip(PX_A_CELL * max(dem.rows, dem.cols), MIN_PX, MAX_PX))
     image = np.round(255.0 * relief_image(dem, bounds_m, pixels)).astype(np.uint8)
     ok, webp = cv2.imencode(".webp", image[:, :, ::-1], [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
     assert ok

@@ -8,7 +8,7 @@ from contextlib import asynccontextmanager, contextmanager
 
 from rig.daemon.state import DaemonState, Event
 
-MOST_STREAMS = 16
+MAX_STREAMS = 16
 KEPT = 200
 WAITING = 256
 POLL_S = 0.1
@@ -68,8 +68,8 @@ class EventStreams:
 
     @contextmanager
     def stream(self) -> Iterator[Stream]:
-        """Events from now on, None at their end; in the loop. ``TooManyStreamsError`` beyond ``MOST_STREAMS``."""
-        if len(self._streams) >= MOST_STREAMS:
+        """Events from now on, None at their end; in the loop. ``TooManyStreamsError`` beyond ``MAX_STREAMS``."""
+        if len(self._streams) >= MAX_STREAMS:
             raise TooManyStreamsError
         stream: Stream = asyncio.Queue(WAITING)
         self._streams.add(stream)

@@ -4,7 +4,7 @@ from fastapi import FastAPI
 from starlette.responses import JSONResponse
 
 from rig.daemon.heartbeat import Heartbeats
-from rig.daemon.readiness import obstacle
+from rig.daemon.readiness import why_not_ready
 from rig.daemon.state import DaemonState
 from rig.version import package_version
 
@@ -15,7 +15,7 @@ def add_health(app: FastAPI, daemon_state: DaemonState, heartbeats: Heartbeats |
     @app.get("/healthz", include_in_schema=False)
     async def healthz() -> JSONResponse:
         stuck = [str(each) for each in heartbeats.stuck()] if heartbeats else []
-        hindrance = obstacle(daemon_state)
+        hindrance = why_not_ready(daemon_state)
         told = {
             "alive": not stuck,
             "ready": not stuck and hindrance is None,

@@ -4,11 +4,11 @@ import asyncio
 
 from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 
-MOST_WAITING = 48
+MAX_WAITING = 48
 """So many connections may be open; one more, and the oldest of those that have asked nothing, or that are slow, goes."""
 STREAM_PATH = "/events"
 """Where an answer goes on and on, and few are let in (``rig.daemon.http.event_streams``)."""
-ASKED_WITHIN_S = 30.0
+REQUEST_TIMEOUT_S = 30.0
 """Whoever has not put a whole question for so long, at most twice as long, is cut off. A stream is an answer that goes on."""
 
 
@@ -23,10 +23,10 @@ class IdleTimeoutProtocol(H11Protocol):
         there = [
             p for p in self.connections if isinstance(p, IdleTimeoutProtocol) and not p.transport.is_closing()
         ]
-        if len(there) > MOST_WAITING:
-            min(there, key=lambda each: each._claim(self)).transport.abort()
+        if len(there) > MAX_WAITING:
+            min(there, key=lambda each: each._eviction_priority(self)).transport.abort()
 
-    def _claim(self, newest: "IdleTimeoutProtocol") -> tuple[int, float]:
+    def _eviction_priority(self, newest: "IdleTimeoutProtocol") -> tuple[int, float]:
         """Who has the least claim to stay, and of these the oldest, goes first: a question is put and answered in a moment."""
         if self is newest:
             claim = 4
@@ -50,7 +50,7 @@ class IdleTimeoutProtocol(H11Protocol):
 
     def _wait(self, answered: RequestResponseCycle | None) -> None:
         """``answered`` is the question before, None where there was none."""
-        self._waiting = self.loop.call_later(ASKED_WITHIN_S, self._look, answered)
+        self._waiting = self.loop.call_later(REQUEST_TIMEOUT_S, self._look, answered)
 
     def _look(self, answered: RequestResponseCycle | None) -> None:
         idle = self.idle

@@ -16,7 +16,7 @@ from localizer.dem.choice import DemChoice
 from rig.daemon.http.models import MapSheet
 from rig.errors import RigError
 
-WITHIN_S = 300.0
+DRAW_TIMEOUT_S = 300.0
 
 
 class MapError(RigError):
@@ -64,10 +64,10 @@ class ReliefMap:
             if self._ended:
                 process.kill()
             try:
-                out, problem = process.communicate(timeout=WITHIN_S)
+                out, problem = process.communicate(timeout=DRAW_TIMEOUT_S)
             except subprocess.TimeoutExpired:
                 process.kill()
-                raise MapError(f"the map took longer than {WITHIN_S:g} s to draw") from None
+                raise MapError(f"the map took longer than {DRAW_TIMEOUT_S:g} s to draw") from None
             finally:
                 self._process = None
         if process.returncode != 0:

@@ -12,7 +12,7 @@ from localizer.fix import Fix, Status
 from localizer.track.document import TrackHypothesis
 from localizer.track.tracker import Mode
 from rig.clock import Instant
-from rig.daemon.publish.published import lapsed, newest
+from rig.daemon.publish.published import expiry_reason, newest_answer
 from rig.daemon.spool.index import BundleState, Entry
 from rig.daemon.state import (
     Activity,
@@ -26,7 +26,7 @@ from rig.daemon.state import (
 )
 from rig.version import package_version
 
-MOST_HYPOTHESES = 50
+MAX_HYPOTHESES = 50
 
 
 class _Part(BaseModel):
@@ -213,7 +213,7 @@ def _answer_fields(answer: Answer) -> dict[str, Any]:
         "trigger": answer.trigger,
         "mode": answer.mode,
         "fix": answer.fix,
-        "hypotheses": answer.hypotheses[:MOST_HYPOTHESES],
+        "hypotheses": answer.hypotheses[:MAX_HYPOTHESES],
         "elsewhere": answer.elsewhere,
         "altitude_m": answer.altitude_m,
         "vehicle_heading_deg": answer.vehicle_heading_deg,
@@ -237,7 +237,7 @@ def latest_answer(answer: Answer, snapshot: Snapshot, valid_s: float, now: Insta
     return LatestAnswer(
         **_answer_fields(answer),
         age_s=age_s(answer.captured, now),
-        current=answer.fix.status == "fix" and lapsed(answer, snapshot, now, valid_s) is None,
+        current=answer.fix.status == "fix" and expiry_reason(answer, snapshot, now, valid_s) is None,
         valid_s=valid_s,
         before_start=answer.before_start,
         map_from_ground=None if here is None else _matrix(here.map_from_ground),
@@ -287,7 +287,7 @@ def state_of(snapshot: Snapshot, valid_s: float, can_act: bool, now: Instant) ->
             )
             for device in snapshot.devices
         ),
-        last=latest(newest(snapshot)),
+        last=latest(newest_answer(snapshot)),
         last_fix=latest(snapshot.last_fix),
         counts=dict(snapshot.counts),
         valid_s=valid_s,

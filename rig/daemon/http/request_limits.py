@@ -11,8 +11,8 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-MOST_BODY_BYTES = 65_536
-BODY_WITHIN_S = 10.0
+MAX_BODY_BYTES = 65_536
+BODY_TIMEOUT_S = 10.0
 """For all of it, however it is spread."""
 
 
@@ -33,22 +33,22 @@ class RequestLimits:
         headers = Headers(scope=scope)
         if "content-length" in headers or "transfer-encoding" in headers:
             try:
-                body = await asyncio.wait_for(_body(headers, receive), BODY_WITHIN_S)
+                body = await asyncio.wait_for(_body(headers, receive), BODY_TIMEOUT_S)
             except _TooLargeError:
                 await _end(
-                    413, f"a body of more than {MOST_BODY_BYTES} bytes is not taken", scope, receive, send
+                    413, f"a body of more than {MAX_BODY_BYTES} bytes is not taken", scope, receive, send
                 )
                 return
             except TimeoutError:
-                await _end(408, f"the body did not end within {BODY_WITHIN_S:g} s", scope, receive, send)
+                await _end(408, f"the body did not end within {BODY_TIMEOUT_S:g} s", scope, receive, send)
                 return
             if body is None:  # whoever asked has gone
                 return
-            receive = _said_again(body, receive)
+            receive = _replayed_body(body, receive)
         if scope["method"] == "HEAD":
             await self._without_body({**scope, "method": "GET"}, receive, send)
         else:
-            await self._app(scope, receive, _naming_head(send))
+            await self._app(scope, receive, _with_head_allowed(send))
 
     async def _without_body(self, scope: Scope, receive: Receive, send: Send) -> None:
         """As GET is answered, status and headers only; what would go on after them, a stream, is ended."""
@@ -67,7 +67,7 @@ class RequestLimits:
 async def _body(headers: Headers, receive: Receive) -> bytes | None:
     """All of a body; None where the connection was lost. What it claims to be is looked at first."""
     claimed = headers.get("content-length", "0")
-    if not claimed.isdecimal() or len(claimed) > 12 or int(claimed) > MOST_BODY_BYTES:
+    if not claimed.isdecimal() or len(claimed) > 12 or int(claimed) > MAX_BODY_BYTES:
         raise _TooLargeError
     body = b""
     while True:
@@ -75,13 +75,13 @@ async def _body(headers: Headers, receive: Receive) -> bytes | None:
         if message["type"] == "http.disconnect":
             return None
         body += bytes(message.get("body", b""))
-        if len(body) > MOST_BODY_BYTES:
+        if len(body) > MAX_BODY_BYTES:
             raise _TooLargeError
         if not message.get("more_body", False):
             return body
 
 
-def _said_again(body: bytes, receive: Receive) -> Receive:
+def _replayed_body(body: bytes, receive: Receive) -> Receive:
     """The body as one message; after it what comes from the connection."""
     said = False
 
@@ -95,7 +95,7 @@ def _said_again(body: bytes, receive: Receive) -> Receive:
     return receive_again
 
 
-def _naming_head(send: Send) -> Send:
+def _with_head_allowed(send: Send) -> Send:
     """Where a method is not allowed and GET is, HEAD is too."""
 
     async def send_allowed(message: Message) -> None:

@@ -24,7 +24,7 @@ from rig.errors import RigError
 
 _log = logging.getLogger(__name__)
 
-MOST_CONNECTIONS = 64
+MAX_CONNECTIONS = 64
 STREAMS_END_S = 1
 """What still runs at the end has so long (whole seconds) before it is cut off."""
 STOP_S = 2.0
@@ -65,7 +65,7 @@ def serving(
             access_log=False,
             proxy_headers=False,
             server_header=False,
-            limit_concurrency=MOST_CONNECTIONS,
+            limit_concurrency=MAX_CONNECTIONS,
             timeout_graceful_shutdown=STREAMS_END_S,
         )
     )

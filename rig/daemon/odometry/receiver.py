@@ -21,7 +21,7 @@ _log = structlog.get_logger(__name__)
 
 GAP_S = 3.0
 """Speeds further apart than this say nothing of what was between them ..."""
-BRIDGED_S = 60.0
+MAX_GAP_S = 60.0
 """... but that it was not far, up to here; beyond it the way is unknown."""
 GAP_SPEED_M_S = 1.0
 """At least so much is uncertain in each second of a gap; the speed beside it where that is more."""
@@ -30,7 +30,7 @@ MISSED_LEGS_M_S = 15.0
 INDEPENDENT_M = 50.0
 """Slip and steering after so much way are independent of those before."""
 FLOOR_M = 0.5
-STANDING_M_S = 0.3
+STATIONARY_M_S = 0.3
 """Up to here it may be the noise of a vehicle that stands."""
 LARGEST_DATAGRAM = 4096
 
@@ -114,7 +114,7 @@ class Odometer:
             c = np.array(self._odometry_state.legs_m2) + leg.covariance_m2
             self._odometry_state.legs_m2 = (float(c[0, 0]), float(c[0, 1])), (float(c[1, 0]), float(c[1, 1]))
 
-    def lose(self) -> None:
+    def mark_unknown(self) -> None:
         """Nobody knows where the way began: it is unknown up to the next capture."""
         with self._lock:
             self._odometry_state.unknown = True
@@ -190,7 +190,7 @@ class Odometer:
         assert way.speed_m_s is not None
         seconds = max(0.0, at_s - way.heard_s)
         mean = (np.array(way.speed_m_s) + np.array(now_m_s)) / 2.0
-        if seconds > BRIDGED_S:
+        if seconds > MAX_GAP_S:
             way.unknown = True
             return
         if seconds > GAP_S:
@@ -221,7 +221,7 @@ def _way_after_restart(state: str | None, at_s: float) -> OdometryState | None:
         return None
     if way.leg_heard_s is not None or way.speed_m_s is None:
         unseen_s = at_s - (way.began_s if way.leg_heard_s is None else way.leg_heard_s)
-        way.unknown = way.unknown or unseen_s > BRIDGED_S
+        way.unknown = way.unknown or unseen_s > MAX_GAP_S
         way.random_m2 += (MISSED_LEGS_M_S * unseen_s) ** 2
     return way
 
@@ -275,7 +275,7 @@ class OdometryListener:
             elif velocity := self._velocity_in(line, at_s):
                 self._odometer.velocity(velocity, at_s)
                 self._note_course(velocity)
-                if velocity.speed_m_s > STANDING_M_S:
+                if velocity.speed_m_s > STATIONARY_M_S:
                     self._moving()
         except (MessageError, ValueError) as error:
             self._bad += 1
@@ -292,7 +292,7 @@ class OdometryListener:
 
     def _note_course(self, velocity: Velocity) -> None:
         """Said once for as long as it lasts; at rest there is nothing to be said."""
-        if velocity.speed_m_s <= STANDING_M_S or self._without_course == (velocity.course_deg is None):
+        if velocity.speed_m_s <= STATIONARY_M_S or self._without_course == (velocity.course_deg is None):
             return
         self._without_course = velocity.course_deg is None
         if self._without_course:

@@ -13,22 +13,22 @@ from rig.config.run import MavlinkOutput
 from rig.daemon.heartbeat import Heartbeats
 from rig.daemon.publish.mavlink_link import Link, check, opened, why_no_link
 from rig.daemon.publish.mavlink_messages import dialect, external_position_estimate, gps_input, heartbeat
-from rig.daemon.publish.published import PublishedFix, current_fix, lapsed
+from rig.daemon.publish.published import PublishedFix, current_fix, expiry_reason
 from rig.daemon.state import DaemonState
 from rig.errors import DeviceError
 
 NAME = "mavlink"
 HEARTBEAT_EVERY_S = 1.0
-HEARD_WITHIN_S = 5.0
+HEARTBEAT_TIMEOUT_S = 5.0
 """An autopilot whose heartbeat is missing for so long is gone (the MAVLink guide says four to five)."""
 POLL_EVERY_S = 0.2
-ANSWERED_WITHIN_S = 1.5
-MOST_TIMES = 3
+ACK_TIMEOUT_S = 1.5
+MAX_SENDS = 3
 """A command whose acknowledgement is missing is sent again (MAVLink's command protocol), with its age then."""
-MOST_READS = 500
+MAX_READS = 500
 """In one round: an autopilot that streams to us must not keep us from speaking."""
 LOOP_LONGEST_S = 30.0
-LEAST_RETRY_S, MOST_RETRY_S = 1.0, 60.0
+MIN_RETRY_S, MAX_RETRY_S = 1.0, 60.0
 
 _log = logging.getLogger(__name__)
 
@@ -63,21 +63,21 @@ class _Publisher:
         latest = daemon_state.snapshot().last_fix
         self._sent_up_to_s = latest.captured.monotonic_s if latest else float("-inf")
         """Captures up to here have been sent: none is sent twice, and none after a later one."""
-        newest = daemon_state.snapshot().last
-        self._seen = newest.bundle if newest else None
+        newest_answer = daemon_state.snapshot().last
+        self._seen = newest_answer.bundle if newest_answer else None
         self._heard = False
         self._owed = False
         """The current fix was sent where no autopilot was heard, or one that has gone: who comes now has not got it."""
 
     def run(self, stop: threading.Event, heartbeats: Heartbeats | None) -> None:
         """Keep a link until ``stop``."""
-        wait_s = LEAST_RETRY_S
+        wait_s = MIN_RETRY_S
         with nullcontext() if heartbeats is None else heartbeats.watched(NAME, LOOP_LONGEST_S):
             while not stop.is_set():
                 try:
                     with opened(self._section.connection, self._section.baud) as link:
-                        for heard in self._talk(link, stop):
-                            wait_s = LEAST_RETRY_S if heard else wait_s
+                        for autopilot_present in self._run_link(link, stop):
+                            wait_s = MIN_RETRY_S if autopilot_present else wait_s
                             if heartbeats is not None:
                                 heartbeats.beat(NAME)
                 except (OSError, DeviceError) as error:
@@ -87,42 +87,42 @@ class _Publisher:
                     if heartbeats is not None:
                         heartbeats.beat(NAME, within_s=wait_s + LOOP_LONGEST_S)
                     stop.wait(wait_s)
-                    wait_s = min(2.0 * wait_s, MOST_RETRY_S)
+                    wait_s = min(2.0 * wait_s, MAX_RETRY_S)
 
-    def _talk(self, link: Link, stop: threading.Event) -> Iterator[bool]:
+    def _run_link(self, link: Link, stop: threading.Event) -> Iterator[bool]:
         """Yields after each round whether there is an autopilot."""
-        session = _Session(link, self._section, self._common, self._state)
+        session = _LinkSession(link, self._section, self._common, self._state)
         while not stop.is_set():
             session.step()
             self._send_new(session)
-            yield session.heard
+            yield session.autopilot_present
             stop.wait(POLL_EVERY_S)
 
-    def _send_new(self, session: "_Session") -> None:
+    def _send_new(self, session: "_LinkSession") -> None:
         now, snapshot = Instant.now(), self._state.snapshot()
         fix = current_fix(snapshot, now, self._section.valid_s)
         if fix is not None and fix.captured.monotonic_s > self._sent_up_to_s:
             session.send_fix(fix, now)
             self._sent_up_to_s = fix.captured.monotonic_s
-            self._owed = not session.heard
-        elif fix is not None and self._owed and session.heard:
+            self._owed = not session.autopilot_present
+        elif fix is not None and self._owed and session.autopilot_present:
             session.send_fix_late(fix, now)
             self._owed = False
         elif fix is not None:
             session.send_again(fix, now)
-        if self._heard and not session.heard:
+        if self._heard and not session.autopilot_present:
             self._owed = True
-        self._heard = session.heard
+        self._heard = session.autopilot_present
         last = snapshot.last
         if last is not None and last.bundle != self._seen:
             self._seen = last.bundle
-            why = lapsed(last, snapshot, now, self._section.valid_s)
+            why = expiry_reason(last, snapshot, now, self._section.valid_s)
             if last.fix.status == "fix" and why is not None:
                 self._state.count("mavlink fixes not sent")
                 _log.warning("mavlink: the fix of %s is not sent: %s", last.bundle, why)
 
 
-class _Session:
+class _LinkSession:
     """One link from its opening to its end."""
 
     def __init__(
@@ -142,13 +142,13 @@ class _Session:
         self._times = 0
 
     @property
-    def heard(self) -> bool:
+    def autopilot_present(self) -> bool:
         """Whether there is an autopilot at the other end."""
-        return self._heard_s is not None and time.monotonic() - self._heard_s < HEARD_WITHIN_S
+        return self._heard_s is not None and time.monotonic() - self._heard_s < HEARTBEAT_TIMEOUT_S
 
     def step(self) -> None:
         """Hear what there is, and say once a second that this component is there."""
-        for _ in range(MOST_READS):
+        for _ in range(MAX_READS):
             if not (data := self._link.read()):
                 break
             for message in self._mav.parse_buffer(data) or ():
@@ -160,7 +160,7 @@ class _Session:
         self._mav.send(heartbeat(self._common))
         if "GPS_INPUT" in self._section.messages:
             self._mav.send(gps_input(self._common, None, Instant.now().utc))
-        self._say_how_it_is()
+        self._update_device_state()
 
     def send_fix(self, fix: PublishedFix, now: Instant) -> None:
         """Send a fix in each of the configured ways."""
@@ -180,9 +180,9 @@ class _Session:
 
     def send_again(self, fix: PublishedFix, now: Instant) -> None:
         """Send the command of the latest fix again where an autopilot is heard that should have answered it."""
-        if self._awaited_s is None or now.monotonic_s < self._awaited_s or not self.heard:
+        if self._awaited_s is None or now.monotonic_s < self._awaited_s or not self.autopilot_present:
             return
-        if self._times == MOST_TIMES:
+        if self._times == MAX_SENDS:
             self._awaited_s = None
             self._state.count("mavlink fixes unanswered")
             _log.warning("mavlink: the autopilot does not answer the fix of %s", fix.bundle)
@@ -192,7 +192,7 @@ class _Session:
 
     def _command(self, fix: PublishedFix, now: Instant) -> None:
         self._mav.send(external_position_estimate(self._common, fix, now, self._section.system_id))
-        self._awaited_s = now.monotonic_s + ANSWERED_WITHIN_S
+        self._awaited_s = now.monotonic_s + ACK_TIMEOUT_S
 
     def _take(self, message: Any) -> None:
         if message.get_srcSystem() != self._section.system_id:
@@ -214,11 +214,11 @@ class _Session:
         known = self._common.enums["MAV_RESULT"].get(result)
         _log.warning("mavlink: the autopilot did not take a fix: %s", known.name if known else result)
 
-    def _say_how_it_is(self) -> None:
+    def _update_device_state(self) -> None:
         where = self._section.connection
-        if self.heard:
+        if self.autopilot_present:
             self._state.set_device(NAME, "ok", f"{where}: autopilot heard")
-        elif self._heard_s is not None or time.monotonic() - self._opened_s > HEARD_WITHIN_S:
+        elif self._heard_s is not None or time.monotonic() - self._opened_s > HEARTBEAT_TIMEOUT_S:
             self._state.set_device(
                 NAME, "failing", f"{where}: no heartbeat of system {self._section.system_id}"
             )

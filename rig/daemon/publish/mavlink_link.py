@@ -16,7 +16,7 @@ from rig.devices.bus.serial_port import SerialPort
 from rig.errors import ConfigError, DeviceError
 
 CONNECT_TIMEOUT_S = 5.0
-MOST_BYTES = 65_536
+MAX_BYTES = 65_536
 
 
 class Link(Protocol):
@@ -109,7 +109,7 @@ class _Connected:
 
     def read(self) -> bytes:
         try:
-            data = self._socket.recv(MOST_BYTES)
+            data = self._socket.recv(MAX_BYTES)
         except BlockingIOError:
             return b""
         if not data and self._is_stream:
@@ -130,7 +130,7 @@ class _Answering:
 
     def read(self) -> bytes:
         try:
-            data, self._to = self._socket.recvfrom(MOST_BYTES)
+            data, self._to = self._socket.recvfrom(MAX_BYTES)
         except BlockingIOError:
             return b""
         return data

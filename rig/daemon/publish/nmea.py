@@ -12,7 +12,7 @@ from rig.clock import problem as clock_problem
 from rig.config.run import NmeaOutput
 from rig.daemon.heartbeat import Heartbeats
 from rig.daemon.publish.nmea_sentences import epoch, epoch_for_anybody
-from rig.daemon.publish.published import current_fix, lapsed
+from rig.daemon.publish.published import current_fix, expiry_reason
 from rig.daemon.publish.tcp_broadcast import TcpBroadcast
 from rig.daemon.publish.udp_targets import UdpTarget
 from rig.daemon.state import Answer, DaemonState
@@ -20,7 +20,7 @@ from rig.daemon.state import Answer, DaemonState
 LOOP = "nmea"
 STOP_NOTICED_S = 0.2
 LOOP_LONGEST_S = 10.0
-LEAST_RETRY_S, MOST_RETRY_S = 1.0, 60.0
+MIN_RETRY_S, MAX_RETRY_S = 1.0, 60.0
 
 _log = logging.getLogger(__name__)
 
@@ -62,12 +62,12 @@ def publishing(
 
 def _look_up(targets: Sequence[UdpTarget], stop: threading.Event) -> None:
     """In a thread of its own: without a network a name takes long, and it may come to be known hours later."""
-    wait_s = LEAST_RETRY_S
+    wait_s = MIN_RETRY_S
     left = list(targets)
     while left := [target for target in left if not target.find()]:
         if stop.wait(wait_s):
             return
-        wait_s = min(2.0 * wait_s, MOST_RETRY_S)
+        wait_s = min(2.0 * wait_s, MAX_RETRY_S)
 
 
 class _Publisher:
@@ -109,7 +109,9 @@ class _Publisher:
         fix = current_fix(snapshot, now, self._section.valid_s)
         if snapshot.last is not None and snapshot.last.bundle != self._seen:
             self._seen = snapshot.last.bundle
-            self._tell_if_lapsed(snapshot.last, lapsed(snapshot.last, snapshot, now, self._section.valid_s))
+            self._log_expiry(
+                snapshot.last, expiry_reason(snapshot.last, snapshot, now, self._section.valid_s)
+            )
         how = now.utc, self._section.quality, self._section.sentences
         dated = not any(clock_problem(utc) for utc in (now.utc, now.utc if fix is None else fix.utc))
         if self._server is not None:
@@ -119,7 +121,7 @@ class _Publisher:
         for target in self._targets:
             target.send(epoch_for_anybody(fix, *how, dated=dated))
 
-    def _tell_if_lapsed(self, answer: Answer, why: str | None) -> None:
+    def _log_expiry(self, answer: Answer, why: str | None) -> None:
         if answer.fix.status == "fix" and why is not None:
             self._state.count("nmea fixes never current")
             _log.warning("nmea: the fix of %s is not published: %s", answer.bundle, why)

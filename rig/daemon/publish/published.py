@@ -44,23 +44,23 @@ class PublishedFix:
 
 
 def current_fix(snapshot: Snapshot, now: Instant, valid_s: float) -> PublishedFix | None:
-    """The fix of the latest capture, where it has not ``lapsed``.
+    """The fix of the latest capture, where it has not ``expiry_reason``.
 
     None where that capture came to no fix: an earlier one may not stand for it.
     """
-    latest = newest(snapshot)
-    if latest is None or latest.fix.status != "fix" or lapsed(latest, snapshot, now, valid_s):
+    latest = newest_answer(snapshot)
+    if latest is None or latest.fix.status != "fix" or expiry_reason(latest, snapshot, now, valid_s):
         return None
     return published(latest)
 
 
-def newest(snapshot: Snapshot) -> Answer | None:
+def newest_answer(snapshot: Snapshot) -> Answer | None:
     """The answer to the newest capture: one to a bundle that had to wait in the spool says nothing of the present."""
     answers = [answer for answer in (snapshot.last_fix, snapshot.last) if answer is not None]
     return max(answers, key=lambda answer: answer.captured.monotonic_s, default=None)
 
 
-def lapsed(answer: Answer, snapshot: Snapshot, now: Instant, valid_s: float) -> str | None:
+def expiry_reason(answer: Answer, snapshot: Snapshot, now: Instant, valid_s: float) -> str | None:
     """Why the vehicle need no longer be where it was at the capture; None where it counts as being there."""
     age_s = now.monotonic_s - answer.captured.monotonic_s
     if not 0.0 <= age_s <= valid_s:

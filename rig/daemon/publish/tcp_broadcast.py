@@ -10,7 +10,7 @@ from rig.config.run import host_and_port
 from rig.daemon.sockets import why_not_listening
 from rig.errors import ConfigError
 
-MOST_CLIENTS = 32
+MAX_CLIENTS = 32
 WAITING_BYTES = 16_384
 """What may wait for one client: about half a minute of sentences. Who is further behind has to connect anew."""
 UNACKNOWLEDGED_MS = 30_000
@@ -27,7 +27,7 @@ class TcpBroadcast:
         try:
             family, _, _, _, found = socket.getaddrinfo(*host_and_port(address), type=socket.SOCK_STREAM)[0]
             self._listener = socket.create_server(
-                (str(found[0]), int(found[1])), family=family, backlog=MOST_CLIENTS
+                (str(found[0]), int(found[1])), family=family, backlog=MAX_CLIENTS
             )
         except OSError as error:
             raise ConfigError(f"{key}: cannot listen on {address}: {why_not_listening(error)}") from None
@@ -89,8 +89,8 @@ class TcpBroadcast:
             _log.warning("nmea: a client could not be taken in: %s", error.strerror)
             self._selector.unregister(self._listener)  # until the next ``send``
             return
-        if len(self._waiting) >= MOST_CLIENTS:
-            _log.warning("nmea: %s was turned away: %d clients are connected", address[0], MOST_CLIENTS)
+        if len(self._waiting) >= MAX_CLIENTS:
+            _log.warning("nmea: %s was turned away: %d clients are connected", address[0], MAX_CLIENTS)
             client.close()
             return
         client.setblocking(False)

@@ -30,7 +30,7 @@ class _StoppedError(Exception):
     """The daemon ends, or begins anew with another configuration."""
 
 
-class Search:
+class LocateLoop:
     """The loop around the worker. ``wake`` it when there is a new bundle."""
 
     def __init__(
@@ -108,7 +108,7 @@ class Search:
         finally:
             self._state.set_locating(None)
 
-    def hand_over(self) -> SearchProcess | None:
+    def release_worker(self) -> SearchProcess | None:
         """The worker, for whoever goes on with the same DEM; None where it has ended. Only after ``run``."""
         worker, self.worker = self.worker, None
         if worker is not None and worker.alive:
@@ -150,7 +150,7 @@ class Search:
     def _failed(self, entry: Entry, reason: str) -> None:
         state = self._spool.set_failed(entry.bundle, reason)
         self._state.count("searches failed")
-        self._state.tell("capture", stage="not located", bundle=entry.bundle, reason=reason, state=state)
+        self._state.emit("capture", stage="not located", bundle=entry.bundle, reason=reason, state=state)
         _log.error("search failed", bundle=entry.bundle, reason=reason, again=state == "waiting")
 
 

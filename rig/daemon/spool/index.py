@@ -18,9 +18,9 @@ from rig.errors import RigError
 
 BundleState = Literal["waiting", "located", "failed"]
 ANSWER = TypeAdapter(Answer)
-MOST_TOLD = 20
+MAX_LOGGED_UNREADABLE = 20
 _log = logging.getLogger(__name__)
-_told: set[str] = set()
+_logged_unreadable: set[str] = set()
 """Answers of which the log has told that they cannot be read."""
 _VERSION = 1
 _SCHEMA = """
@@ -122,8 +122,10 @@ def answer_of(text: str | None) -> Answer | None:
     try:
         return ANSWER.validate_json(json_text(text))
     except (DocumentError, ValidationError) as error:
-        if len(_told) < MOST_TOLD and text not in _told:  # the page asks every few seconds
-            _told.add(text)
+        if (
+            len(_logged_unreadable) < MAX_LOGGED_UNREADABLE and text not in _logged_unreadable
+        ):  # the page asks every few seconds
+            _logged_unreadable.add(text)
             _log.warning("an answer in the spool cannot be read: %s", str(error).splitlines()[0])
         return None
 

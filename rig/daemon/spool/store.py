@@ -25,7 +25,7 @@ from localizer.bundle import FILE_NAME, MOST_BYTES, BundleError, parse_bundle
 from localizer.documents import DocumentError, read_file
 from localizer.track.odometry import Movement
 from localizer.track.tracker import Tracker, TrackerError
-from rig.bundle.writer import LEAST_FREE_BYTES
+from rig.bundle.writer import MIN_FREE_BYTES
 from rig.daemon.boot import boot_id
 from rig.daemon.spool.index import (
     ANSWER,
@@ -48,7 +48,7 @@ from rig.daemon.state import Answer, TriggerSource
 
 __all__ = ["BundleState", "Entry", "Spool", "SpoolError", "SpoolFullError"]
 
-MOST_TRIES = 2
+MAX_TRIES = 2
 USUAL_BUNDLE_BYTES = 3_000_000
 ROWS_KEPT = 10_000
 ODOMETER = "odometer"
@@ -59,16 +59,16 @@ class Spool:
     """See the module. Used from several threads, by one process at a time."""
 
     def __init__(
-        self, folder: Path, quota_mb: int, tell_waiting: Callable[[int], None] = lambda bundles: None
+        self, folder: Path, quota_mb: int, on_waiting_changed: Callable[[int], None] = lambda bundles: None
     ) -> None:
         """Open or make it. ``SpoolError`` where it cannot be used, or another process uses it.
 
-        ``tell_waiting`` hears how many bundles wait, here and after every change, in the order of the changes.
+        ``on_waiting_changed`` hears how many bundles wait, here and after every change, in the order of the changes.
         """
         self.folder = folder
         self.bundles_dir = folder / "bundles"
         self.quota_bytes = quota_mb * 1_000_000
-        self._tell_waiting = tell_waiting
+        self._on_waiting_changed = on_waiting_changed
         self._lock = threading.RLock()
         try:
             self.bundles_dir.mkdir(parents=True, exist_ok=True)
@@ -89,7 +89,7 @@ class Spool:
             os.close(self._claim)
             raise
         self.reconcile()
-        self._tell_waiting(self.count("waiting"))
+        self._on_waiting_changed(self.count("waiting"))
 
     def __enter__(self) -> Self:
         return self
@@ -113,9 +113,7 @@ class Spool:
         self.reconcile()
         removed = []
         total, need, located = self._sizes()
-        while (
-            total + need > self.quota_bytes or shutil.disk_usage(self.folder).free < LEAST_FREE_BYTES + need
-        ):
+        while total + need > self.quota_bytes or shutil.disk_usage(self.folder).free < MIN_FREE_BYTES + need:
             if not located:
                 raise SpoolFullError(self._full(total, need))
             bundle, size = located.pop(0)
@@ -124,14 +122,14 @@ class Spool:
             total -= size
         return removed
 
-    def obstacle(self) -> str | None:
+    def space_problem(self) -> str | None:
         """Why ``make_room`` would fail now; None where another bundle fits, or will once located ones are deleted."""
         try:
             total, need, located = self._sizes()
             to_gain = sum(size for _, size in located)
             if total - to_gain + need > self.quota_bytes:
                 return self._full(total - to_gain, need)
-            if shutil.disk_usage(self.folder).free + to_gain < LEAST_FREE_BYTES + need:
+            if shutil.disk_usage(self.folder).free + to_gain < MIN_FREE_BYTES + need:
                 return self._full(0, need)
         except OSError as error:
             return f"{self.folder}: {error.strerror}; look at the disk"
@@ -157,7 +155,7 @@ class Spool:
         free = shutil.disk_usage(self.folder).free
         return (
             f"{self.folder}: {free / 1e6:.0f} MB are free on its disk, and a bundle with the reserve takes "
-            f"{(LEAST_FREE_BYTES + need) / 1e6:.0f}; no located bundle is left to delete: make room there"
+            f"{(MIN_FREE_BYTES + need) / 1e6:.0f}; no located bundle is left to delete: make room there"
         )
 
     def begin_capture(
@@ -226,7 +224,7 @@ class Spool:
             db.execute(
                 "UPDATE bundles SET tries = tries + 1, reason = ?, "
                 "state = CASE WHEN tries + 1 < ? THEN 'waiting' ELSE 'failed' END WHERE bundle = ?",
-                (reason, MOST_TRIES, bundle),
+                (reason, MAX_TRIES, bundle),
             )
             state: BundleState = db.execute(
                 "SELECT state FROM bundles WHERE bundle = ?", (bundle,)
@@ -369,7 +367,7 @@ class Spool:
                     self._db.execute("ROLLBACK")
                     raise
                 self._db.execute("COMMIT")
-                self._tell_waiting(waiting)
+                self._on_waiting_changed(waiting)
             except sqlite3.Error as error:
                 if self._db.in_transaction:
                     self._db.execute("ROLLBACK")

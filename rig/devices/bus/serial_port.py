@@ -26,7 +26,7 @@ _log = logging.getLogger(__name__)
 
 _READ_BYTES = 4096
 _WRITE_TIMEOUT_S = 1.0
-MOST_LATENCY_MS = 4
+MAX_LATENCY_MS = 4
 _FAILURES = (OSError, termios.error, ValueError)  # SerialException is an OSError
 
 _REMEDIES = {
@@ -79,7 +79,7 @@ class SerialPort:
         except (ValueError, OSError) as error:
             _log.debug("%s has no low-latency mode: %s", self.path, error)
         latency_ms = sysfs.serial_latency_ms(self.path)
-        if latency_ms is not None and latency_ms > MOST_LATENCY_MS:
+        if latency_ms is not None and latency_ms > MAX_LATENCY_MS:
             note_fault(
                 f"serial port {self.path}",
                 f"its adapter holds bytes back for {latency_ms} ms, and keeps doing so",

@@ -11,7 +11,7 @@ from rig.devices.bus.deadline import Deadline
 from rig.devices.bus.serial_port import SerialPort
 from rig.errors import DeviceError
 
-MOST_WAITING_BYTES = 65536
+MAX_WAITING_BYTES = 65536
 """Of a listener that does not read for long: what is older is thrown away, as its next ``discard_input`` would do."""
 
 _TURN_S = 0.01
@@ -72,7 +72,7 @@ class SharedPort:
         """Bytes that have arrived; called by whoever reads."""
         with self._lock:
             self._waiting += data
-            del self._waiting[:-MOST_WAITING_BYTES]
+            del self._waiting[:-MAX_WAITING_BYTES]
 
     def read(self, deadline: Deadline) -> bytes:
         """What has arrived, waiting until the deadline for a first byte; empty if none came."""

@@ -42,19 +42,19 @@ from rig.fault_notes import note_fault
 
 Image = NDArray[np.uint8]
 
-WAITED_S = 0.004
+BLOCKED_GRAB_S = 0.004
 """A grab that took longer found nothing to take, and waited: the frame that it returned came after it began."""
 THREAD_END_S = 2.0
 REOPEN_PAUSE_S = 0.2
 
-_hanging: WeakKeyDictionary[threading.Thread, float] = WeakKeyDictionary()
+_blocked_threads: WeakKeyDictionary[threading.Thread, float] = WeakKeyDictionary()
 """Threads that outlived their camera, and until when (monotonic) OpenCV may keep them by its own timeouts."""
 
 
 @atexit.register
-def _let_hanging_threads_end() -> None:
+def _join_blocked_threads() -> None:
     """Python ends threads where they stand when a program ends, and OpenCV in one of them then aborts the whole program."""
-    for thread, until_s in list(_hanging.items()):
+    for thread, until_s in list(_blocked_threads.items()):
         thread.join(max(0.0, until_s - time.monotonic()))
 
 
@@ -118,7 +118,7 @@ class Camera:
         return (count - 1) / (newest.arrived.monotonic_s - self._first_at_s)
 
     @property
-    def can_expose(self) -> bool:
+    def exposure_is_settable(self) -> bool:
         """Whether there is a way to tell the camera how to expose."""
         return self._is_local or self._section.exposure_url is not None
 
@@ -130,9 +130,9 @@ class Camera:
         self._wanted_ev = ev  # a local camera is told by the thread that reads it
         url = self._section.exposure_url
         if url is not None and not self._is_local:
-            self._tell(url, ev)
+            self._set_network_exposure(url, ev)
 
-    def _tell(self, url: str, ev: float) -> None:
+    def _set_network_exposure(self, url: str, ev: float) -> None:
         """Set the exposure of a network camera. Raises ``TransientError`` where it does not take it."""
         try:
             with get(
@@ -147,7 +147,7 @@ class Camera:
                 "check its network and [camera] exposure_url",
             ) from error
 
-    def settled_s(self) -> float:
+    def exposure_settled_at_s(self) -> float:
         """When (monotonic) pictures show an exposure that is told now."""
         return time.monotonic() + self._section.exposure_settle_s
 
@@ -173,20 +173,20 @@ class Camera:
         ``THREAD_END_S``.
         """
         if self._wanted_ev != 0.0:
-            self._leave_exposure_to_it()
+            self._restore_auto_exposure()
         self._stop.set()
         self._thread.join(THREAD_END_S)
         if self._thread.is_alive():
             patience_s = self._section.open_timeout_s + self._section.read_timeout_s + THREAD_END_S
-            _hanging[self._thread] = time.monotonic() + patience_s
+            _blocked_threads[self._thread] = time.monotonic() + patience_s
 
-    def _leave_exposure_to_it(self) -> None:
+    def _restore_auto_exposure(self) -> None:
         """A network camera at its own exposure, whatever was told last, by whom; that it takes none is noted."""
         url = self._section.exposure_url
         if url is None or self._is_local:
             return
         try:
-            self._tell(url, 0.0)
+            self._set_network_exposure(url, 0.0)
         except TransientError as error:
             note_fault(error.device, error.problem, "its exposure may have stayed as it was")
 
@@ -194,17 +194,17 @@ class Camera:
         """The newest frame as soon as it is one that is wanted."""
 
         def ready() -> bool:
-            return self._is_over() or (self._newest is not None and wanted(self._newest))
+            return self._has_given_up() or (self._newest is not None and wanted(self._newest))
 
         with self._changed:
             in_time = self._changed.wait_for(ready, wait_s)
-            if self._failure is not None and (self._is_over() or not in_time):
+            if self._failure is not None and (self._has_given_up() or not in_time):
                 raise self._failure
             if not in_time or self._newest is None:
                 raise self._error(problem, "check its cable or network, and that no other program uses it")
             return self._newest
 
-    def _is_over(self) -> bool:
+    def _has_given_up(self) -> bool:
         """Whether the thread has given up: a camera that never worked, or is another one."""
         if self._failure is None:
             return False
@@ -225,12 +225,12 @@ class Camera:
                         f"failed: {without_secrets(str(error), self._section.source)}", "restart it"
                     )
                 )
-                if self._ended_as_a_snapshot_does():
+                if self._is_snapshot_source():
                     continue
                 with self._changed:
                     if self._failure is None or not isinstance(failure, TransientError):
                         self._failure = failure  # that it cannot be opened again is not why it ended
-                    over = self._is_over()
+                    over = self._has_given_up()
                     self._changed.notify_all()
                 if over:
                     return
@@ -254,7 +254,7 @@ class Camera:
                 exposure.begin()
                 told.callback(FixedControls(capture, self._fixed_controls(), self.name).restore)
             if self._wanted_ev == 0.0:  # a program that was killed may have left it dark
-                self._leave_exposure_to_it()
+                self._restore_auto_exposure()
             not_before_s = -math.inf
             while not self._stop.is_set():
                 if exposure is not None:
@@ -270,7 +270,7 @@ class Camera:
                         "check its power and cable or network",
                     )
                 arrived = Instant.now()
-                if arrived.monotonic_s - begun_s > WAITED_S:
+                if arrived.monotonic_s - begun_s > BLOCKED_GRAB_S:
                     not_before_s = begun_s
                 ok, image = capture.retrieve()
                 if not ok:
@@ -287,7 +287,7 @@ class Camera:
             self._changed.notify_all()
         event_bus.publish(frame)
 
-    def _ended_as_a_snapshot_does(self) -> bool:
+    def _is_snapshot_source(self) -> bool:
         """Whether the address gives one picture and not a stream: from now on it is asked for each."""
         source = self._section.source
         if self._gives_snapshots or self._count > 1 or not is_http(source):
@@ -305,7 +305,7 @@ class Camera:
             if (
                 section.fourcc is not None and capture.isOpened()
             ):  # before the size: some are of one format only
-                self._ask_for_format(capture, section.fourcc)
+                self._request_pixel_format(capture, section.fourcc)
             # Asked for, not relied upon: the frame's own size is checked.
             capture.set(cv2.CAP_PROP_FRAME_WIDTH, section.width_px)
             capture.set(cv2.CAP_PROP_FRAME_HEIGHT, section.height_px)
@@ -322,7 +322,7 @@ class Camera:
             raise self._error(*why_not_opened(section.source))
         return capture
 
-    def _ask_for_format(self, capture: cv2.VideoCapture, fourcc: str) -> None:
+    def _request_pixel_format(self, capture: cv2.VideoCapture, fourcc: str) -> None:
         code = cv2.VideoWriter.fourcc(*fourcc)
         capture.set(cv2.CAP_PROP_FOURCC, code)
         has = int(capture.get(cv2.CAP_PROP_FOURCC))

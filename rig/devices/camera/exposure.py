@@ -104,7 +104,7 @@ class LocalExposure:
 
     def _choose(self, modes: tuple[float, ...]) -> bool:
         """The first of these modes that the camera takes and then has."""
-        return any(took(self._capture, cv2.CAP_PROP_AUTO_EXPOSURE, mode) for mode in modes)
+        return any(set_and_verified(self._capture, cv2.CAP_PROP_AUTO_EXPOSURE, mode) for mode in modes)
 
     def _expose(self, exposure: float) -> bool:
         """Whether it takes an exposure; a driver rounds it to a step of its own."""
@@ -146,6 +146,6 @@ class FixedControls:
                 self._capture.set(property_id, value)
 
 
-def took(capture: Capture, property_id: int, value: float) -> bool:
+def set_and_verified(capture: Capture, property_id: int, value: float) -> bool:
     """Whether a control was set and then has that value."""
     return bool(capture.set(property_id, value)) and capture.get(property_id) == value

@@ -63,7 +63,7 @@ def _by_status(error: urllib.error.HTTPError, had_user: bool, key: str) -> tuple
     status = error.code
     said = f"HTTP {status}"
     if status == 401:
-        return wants_user(had_user, said, key)
+        return missing_credentials(had_user, said, key)
     if status == 403:
         return (
             f"forbids it to this user ({said})",
@@ -86,7 +86,7 @@ def _by_status(error: urllib.error.HTTPError, had_user: bool, key: str) -> tuple
     )
 
 
-def wants_user(had_user: bool, said: str, key: str) -> tuple[str, str]:
+def missing_credentials(had_user: bool, said: str, key: str) -> tuple[str, str]:
     """Problem and remedy of a camera that asks who watches."""
     if had_user:
         return (

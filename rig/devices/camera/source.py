@@ -13,13 +13,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.devices.camera.http import UnusableUrlError, credentials, get, wants_user, why_not_connected
+from rig.devices.camera.http import UnusableUrlError, credentials, get, missing_credentials, why_not_connected
 
 KEY = "[camera] source"
 ASK_TIMEOUT_S = 1.5
-LEAST_BETWEEN_S = 0.05
+MIN_BETWEEN_S = 0.05
 """Between two pictures that are asked for: a camera that answers at once shall have time for others."""
-MOST_PICTURE_BYTES = 50_000_000
+MAX_PICTURE_BYTES = 50_000_000
 
 Words = tuple[str, str]
 
@@ -37,11 +37,11 @@ class Snapshots:
 
     def grab(self) -> bool:
         """Ask for a picture, and wait for it: it is from after the request."""
-        time.sleep(max(0.0, self._asked_s + LEAST_BETWEEN_S - time.monotonic()))
+        time.sleep(max(0.0, self._asked_s + MIN_BETWEEN_S - time.monotonic()))
         self._asked_s = time.monotonic()
         with get(self._url, self._timeout_s, KEY) as answer:
             try:
-                self._picture = answer.read(MOST_PICTURE_BYTES)
+                self._picture = answer.read(MAX_PICTURE_BYTES)
             except OSError as error:
                 raise UnusableUrlError(*why_not_connected(error, self._url, self._timeout_s, KEY)) from None
         return bool(self._picture)
@@ -140,7 +140,7 @@ def _of_rtsp(url: str) -> Words:
         )
     said = line.split(" ")[1] if line.startswith("RTSP/") and " " in line else ""
     if said == "401":
-        problem, remedy = wants_user(user is not None, "RTSP 401", KEY)
+        problem, remedy = missing_credentials(user is not None, "RTSP 401", KEY)
         return f"cannot be opened: {problem}", remedy
     if said == "403":
         return "cannot be opened: forbids it to this user (RTSP 403)", "give the user the right to watch"

@@ -20,14 +20,14 @@ BUS_WATCHDOG_FIRMWARE = 38
 
 POSITION_MODE = 3
 NO_SECONDARY_ID = 255
-LEAST_OFF_SECONDARY_ID = 253
+MIN_DISABLED_SECONDARY_ID = 253
 """From here on a Secondary ID is off."""
 
 PROTOCOL_2 = 2
-ANSWER_EVERYTHING = 2
+STATUS_RETURN_ALL = 2
 """Status Return Level: 0 answers a ping only, 1 a ping and a read."""
 
-REVERSED = 0x01
+REVERSE_MODE = 0x01
 """Drive Mode, bit 0: positions count the other way round."""
 
 FACTORY_SHUTDOWN = 0x34

@@ -57,20 +57,20 @@ class Servo:
         where = self._registers[register]
         self._bus.write(self.servo_id, where.address, where.encode(value))
 
-    def answer_everything(self) -> None:
+    def set_status_return_all(self) -> None:
         """Have the servo answer reads and writes too: another program may have left it at answering pings only.
 
         Raises ``TransientError`` where it does not answer a read even then.
         """
         try:
-            if self.read("Status Return Level") == table.ANSWER_EVERYTHING:
+            if self.read("Status Return Level") == table.STATUS_RETURN_ALL:
                 return
         except TransientError as error:  # at level 0 it answers no read; one that is lost is asked for again
             _log.debug("%s", error)
         where = self._registers["Status Return Level"]
-        level = where.encode(table.ANSWER_EVERYTHING)
+        level = where.encode(table.STATUS_RETURN_ALL)
         self._bus.write_unanswered(self.servo_id, where.address, level)
-        if self.read("Status Return Level") != table.ANSWER_EVERYTHING:
+        if self.read("Status Return Level") != table.STATUS_RETURN_ALL:
             raise TransientError(
                 self.name,
                 "answers a ping and keeps its Status Return Level",
@@ -78,21 +78,21 @@ class Servo:
             )
         _log.info("%s: was set to answer not everything (Status Return Level); set to 2", self.name)
 
-    def answer_reads(self) -> None:
-        """``answer_everything`` of a servo that does not even answer a read; nothing is written to one that does."""
+    def ensure_reads_answered(self) -> None:
+        """``set_status_return_all`` of a servo that does not even answer a read; nothing is written to one that does."""
         try:
             self.read("Status Return Level")
         except TransientError as error:
             _log.debug("%s", error)
-            self.answer_everything()
+            self.set_status_return_all()
 
-    def stand_alone(self) -> None:
+    def disable_secondary_id(self) -> None:
         """Torque off, and no Secondary ID: with one the servo obeys what another is told, without an answer.
 
         For all servos of a bus before any of them is told anything else.
         """
         self.torque(False)
-        if self.read("Secondary(Shadow) ID") < table.LEAST_OFF_SECONDARY_ID:
+        if self.read("Secondary(Shadow) ID") < table.MIN_DISABLED_SECONDARY_ID:
             self.write("Secondary(Shadow) ID", table.NO_SECONDARY_ID)
             _log.info("%s: had a Secondary ID; switched off", self.name)
 
@@ -117,16 +117,18 @@ class Servo:
         for name, (low, high) in table.FACTORY_PROTECTION[self.model].items():
             if not low <= value(name) <= high:
                 wanted[name] = low if name.startswith("Min") else high
-        is_reversed = bool(value("Drive Mode") & table.REVERSED)
+        is_reversed = bool(value("Drive Mode") & table.REVERSE_MODE)
         if (value("Operating Mode") != table.POSITION_MODE or is_reversed) and not self._counts_wrongly:
             # A change of these begins the count anew, and with it forgets that the head was turned too far.
             position = self.read("Present Position")
-            self.require_one_turn(position - self._honoured(value("Homing Offset"), value("Operating Mode")))
+            self.require_one_turn(
+                position - self._effective_homing_offset(value("Homing Offset"), value("Operating Mode"))
+            )
         self._counts_wrongly |= is_reversed
         if self._counts_wrongly:
-            self._count_the_right_way()
+            self._set_normal_direction()
         if value("Homing Offset"):
-            self._tell(
+            self._log_zero_shift(
                 f"had a Homing Offset of {value('Homing Offset')} ticks, left by another program",
                 "set to 0; look at zero_tick, which counts without it",
             )
@@ -136,21 +138,23 @@ class Servo:
             self._bus.write(self.servo_id, startup.address, startup.encode(0))
             _log.info("%s: was set to start with torque or another program's RAM; set to 0", self.name)
 
-    def _count_the_right_way(self) -> None:
+    def _set_normal_direction(self) -> None:
         """Drive Mode 0, and the count of turns begun anew, which was in the other sense. Goes on where it was interrupted."""
         self.write("Drive Mode", 0)
         if not 0 <= self.read("Present Position") < table.TICKS_PER_TURN:
-            self._bus.clear_turns(self.servo_id)
+            self._bus.clear_multi_turn(self.servo_id)
         self._counts_wrongly = False
-        self._tell("counted the other way round (Drive Mode)", "set right; look at zero_tick and direction")
+        self._log_zero_shift(
+            "counted the other way round (Drive Mode)", "set right; look at zero_tick and direction"
+        )
 
     @staticmethod
-    def _honoured(homing_offset: int, operating_mode: int) -> int:
+    def _effective_homing_offset(homing_offset: int, operating_mode: int) -> int:
         """What a Homing Offset adds to a position: in position mode nothing where it is more than a quarter turn."""
         quarter = table.TICKS_PER_TURN // 4
         return 0 if operating_mode == table.POSITION_MODE and abs(homing_offset) > quarter else homing_offset
 
-    def _tell(self, problem: str, action: str) -> None:
+    def _log_zero_shift(self, problem: str, action: str) -> None:
         """Say what changes the meaning of zero_tick: it is only found once."""
         note_fault(self.name, problem, action)
         _log.warning("%s: %s; %s", self.name, problem, action)
@@ -176,7 +180,7 @@ class Servo:
 
         The EEPROM is written only where it differs: it wears out, and it can be written only without torque.
         """
-        self.answer_everything()
+        self.set_status_return_all()
         self.torque(False)
         self.disarm_bus_watchdog()
         for register, value in {

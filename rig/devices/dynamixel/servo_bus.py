@@ -21,7 +21,7 @@ _STUFFING = 4 / 3
 # Two of FTDI's default 16 ms latency periods, and what a loaded computer needs to notice.
 _TURNAROUND_S = 0.05
 
-_CLEAR_TURNS = bytes([0x01, 0x44, 0x58, 0x4C, 0x22])  # e-manual, "Protocol 2.0", Clear
+_CLEAR_MULTI_TURN = bytes([0x01, 0x44, 0x58, 0x4C, 0x22])  # e-manual, "Protocol 2.0", Clear
 
 _REFUSALS: dict[int, str] = {
     StatusError.RESULT_FAIL: "could not carry out the instruction",
@@ -105,9 +105,9 @@ class ServoBus:
         """Restart one servo, which ends a shutdown. It takes some tenths of a second to come back."""
         self._exchange(servo_id, Instruction.REBOOT, b"", 0)
 
-    def clear_turns(self, servo_id: int) -> None:
+    def clear_multi_turn(self, servo_id: int) -> None:
         """Have one servo, at rest, count its position within one turn again (firmware 42 and later)."""
-        self._exchange(servo_id, Instruction.CLEAR, _CLEAR_TURNS, 0)
+        self._exchange(servo_id, Instruction.CLEAR, _CLEAR_MULTI_TURN, 0)
 
     def sync_read(self, servo_ids: Sequence[int], address: int, length: int) -> dict[int, Status]:
         """The same block of several servos with one instruction.

@@ -12,7 +12,7 @@ from rig.devices.bus.deadline import Deadline, wait_until
 from rig.devices.bus.i2c import I2cBus
 from rig.devices.bus.i2c_chip import I2cChip
 from rig.devices.readings import AccelerationReading
-from rig.devices.sensors.sampling import LEAST_READINGS, read_for, require_noise
+from rig.devices.sensors.sampling import MIN_READINGS, read_for, require_noise
 from rig.errors import WrongDeviceError
 from rig.fault_notes import note_fault
 
@@ -139,7 +139,7 @@ class Adxl355:
 
     def read_many(self, duration_s: float) -> list[AccelerationReading]:
         """All samples of ``duration_s``. Raises ``DeviceError`` where all are the same: a frozen chip."""
-        readings = read_for(partial(self.read, without_temperature=True), duration_s, LEAST_READINGS)
+        readings = read_for(partial(self.read, without_temperature=True), duration_s, MIN_READINGS)
         require_noise(self._chip.name, [(r.x_g, r.y_g, r.z_g) for r in readings])
         return readings
 

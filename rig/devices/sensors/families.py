@@ -7,7 +7,7 @@ from rig.devices.sensors.nmea_sentence import parse_sentence
 from rig.errors import MessageError
 
 USUAL_BAUDS = (4800, 9600, 38400, 19200, 115200, 57600)
-LEAST_TEXT_SHARE = 0.8
+MIN_TEXT_SHARE = 0.8
 
 _FAMILIES: tuple[tuple[bytes, str], ...] = (
     (rb"\xb5\x62", "u-blox UBX"),
@@ -37,7 +37,7 @@ def family_of(data: bytes) -> str | None:
 
 def is_text(data: bytes) -> bool:
     """Whether most bytes are printable, as they are at the right baud rate."""
-    return sum(byte in _TEXT for byte in data) >= LEAST_TEXT_SHARE * len(data)
+    return sum(byte in _TEXT for byte in data) >= MIN_TEXT_SHARE * len(data)
 
 
 def other_format(line: bytes) -> str | None:

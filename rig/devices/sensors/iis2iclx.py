@@ -14,7 +14,7 @@ from rig.devices.bus.deadline import Deadline, wait_until
 from rig.devices.bus.i2c import I2cBus
 from rig.devices.bus.i2c_chip import I2cChip
 from rig.devices.readings import AccelerationReading
-from rig.devices.sensors.sampling import LEAST_READINGS, read_for, require_noise
+from rig.devices.sensors.sampling import MIN_READINGS, read_for, require_noise
 from rig.errors import TransientError, WrongDeviceError
 from rig.fault_notes import note_fault
 
@@ -49,7 +49,7 @@ _RANGE_G = 1.0
 _RELATIVES_FACTOR = 0.122 / 0.031
 """ISM330DHCX, LSM6DSR and ASM330LHH give 0.122 mg for a count where this chip, set the same way, gives 0.031."""
 
-_LEAST_Z_G = 0.3  # the chip lies flat in the head: a third axis has most of gravity
+_MIN_Z_G = 0.3  # the chip lies flat in the head: a third axis has most of gravity
 _SAMPLE_S = 1 / 52
 _SETTLING_SAMPLES = 5
 _RESET_POLL_S = 0.001
@@ -100,7 +100,7 @@ class Iis2iclx:
             decode_acceleration_g(data, _RANGE_G) * _RELATIVES_FACTOR
             for data in (x_and_y[:2], x_and_y[2:], z)
         )
-        if abs(z_g) >= _LEAST_Z_G and 0.9 <= math.hypot(x_g, y_g, z_g) <= 1.1:
+        if abs(z_g) >= _MIN_Z_G and 0.9 <= math.hypot(x_g, y_g, z_g) <= 1.1:
             raise WrongDeviceError(
                 self._chip.name,
                 "has a third axis, and gravity in the scale of an ISM330DHCX, LSM6DSR or ASM330LHH, whose identity "
@@ -143,7 +143,7 @@ class Iis2iclx:
 
     def read_many(self, duration_s: float) -> list[AccelerationReading]:
         """All samples of ``duration_s``. Raises ``DeviceError`` where all are the same: a frozen chip."""
-        readings = read_for(partial(self.read, without_temperature=True), duration_s, LEAST_READINGS)
+        readings = read_for(partial(self.read, without_temperature=True), duration_s, MIN_READINGS)
         require_noise(self._chip.name, [(r.x_g, r.y_g) for r in readings])
         return readings
 

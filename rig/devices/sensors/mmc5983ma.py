@@ -12,7 +12,7 @@ from rig.devices.bus.deadline import Deadline, wait_until
 from rig.devices.bus.i2c import I2cBus
 from rig.devices.bus.i2c_chip import I2cChip
 from rig.devices.readings import FieldReading
-from rig.devices.sensors.sampling import LEAST_READINGS, read_for, require_noise
+from rig.devices.sensors.sampling import MIN_READINGS, read_for, require_noise
 from rig.errors import TransientError
 from rig.fault_notes import note_fault
 
@@ -137,7 +137,7 @@ class Mmc5983ma:
 
     def read_many(self, duration_s: float) -> list[FieldReading]:
         """All readings that fit into ``duration_s``, at least one. ``DeviceError`` where the chip is frozen."""
-        readings = read_for(self.read, duration_s, LEAST_READINGS)
+        readings = read_for(self.read, duration_s, MIN_READINGS)
         require_noise(self._chip.name, [(r.x_ut, r.y_ut, r.z_ut) for r in readings], FROZEN_REPEATS)
         return readings
 

@@ -13,7 +13,7 @@ from rig.devices.sensors.nmea_sentence import LETTERED, Sentence, step_of
 from rig.errors import NoReadingError
 
 COARSEST_DEG = 1.0
-MOST_VARIATION_DEG = 90.0
+MAX_VARIATION_DEG = 90.0
 """Beyond it, which is only beside a magnetic pole, a variation is a filler (999.9, 180), and so is a deviation."""
 
 _CONTRADICTS = "the sentence contradicts itself: set the instrument to send HDG or HDM"
@@ -43,7 +43,7 @@ def _heading(
             f"{sentence.address} has the heading {heading_deg:g}, not 0 to 360 degrees",
             "wait until the instrument has a heading; check that it sends degrees",
         )
-    if variation_deg is not None and abs(variation_deg) > MOST_VARIATION_DEG:
+    if variation_deg is not None and abs(variation_deg) > MAX_VARIATION_DEG:
         variation_deg = None
     return HeadingReading(
         (heading_deg + deviation_deg) % 360.0,
@@ -68,7 +68,7 @@ def _hdg(sentence: Sentence, at: Instant) -> HeadingReading:
         sentence,
         at,
         "magnetic",
-        deviation_deg=deviation_deg if abs(deviation_deg) <= MOST_VARIATION_DEG else 0.0,
+        deviation_deg=deviation_deg if abs(deviation_deg) <= MAX_VARIATION_DEG else 0.0,
         variation_deg=_east(sentence, 3) if sentence.field(4) else None,
     )
 

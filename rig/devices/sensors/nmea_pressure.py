@@ -52,7 +52,7 @@ class _Group:
     step_hpa: float
 
     @property
-    def said(self) -> str:
+    def as_sent(self) -> str:
         """As the sentence has it."""
         return f"{self.text} {self.unit} {self.name}".replace("  ", " ").strip()
 
@@ -104,7 +104,7 @@ def _xdr(sentence: Sentence, at: Instant, transducer: str | None) -> PressureRea
         groups = [group for group in groups if group not in reduced]
         if reduced and not groups:
             raise NoReadingError(
-                f"{sentence.address} says {reduced[0].said}, which is reduced to sea level: it says no altitude",
+                f"{sentence.address} says {reduced[0].as_sent}, which is reduced to sea level: it says no altitude",
                 "set the instrument to send the pressure where it stands (QFE)",
             )
     plausible = [group for group in groups if is_air(group.pressure_hpa)]
@@ -118,7 +118,7 @@ def _xdr(sentence: Sentence, at: Instant, transducer: str | None) -> PressureRea
             _refuse(sentence, transducer, groups)
             return None
         chosen, unit = readable[0]
-        remark = f"says {chosen.said}: taken for {unit}"
+        remark = f"says {chosen.as_sent}: taken for {unit}"
     return pressure_reading(
         chosen.pressure_hpa,
         _temperature_c(sentence, chosen.name),
@@ -148,7 +148,7 @@ def _named(name: str, words: tuple[str, ...]) -> bool:
 def _refuse(sentence: Sentence, transducer: str | None, groups: list[_Group]) -> None:
     """Say why none of the groups counts, unless there is none of the air's."""
     if groups:
-        told = ", ".join(group.said for group in groups)
+        told = ", ".join(group.as_sent for group in groups)
         raise NoReadingError(
             f"{sentence.address} says {told}: no air pressure in that unit",
             "set the unit in the instrument, or name the right group with [altimeter] transducer",
@@ -215,10 +215,12 @@ def _mda_relabelled(sentence: Sentence, at: Instant) -> PressureReading:
     """What stands as bar is hectopascals with some (Lambrecht's met[LOG] says so of its MMB)."""
     pressure_hpa = sentence.number_if_any(2)
     if pressure_hpa is None or not is_air(pressure_hpa):
-        said = [f"{sentence.field(i)} {unit}" for i, unit in ((0, "inches"), (2, "bar")) if sentence.field(i)]
+        as_sent = [
+            f"{sentence.field(i)} {unit}" for i, unit in ((0, "inches"), (2, "bar")) if sentence.field(i)
+        ]
         raise NoReadingError(
-            f"{sentence.address} says {' and '.join(said)}: no air pressure"
-            if said
+            f"{sentence.address} says {' and '.join(as_sent)}: no air pressure"
+            if as_sent
             else f"{sentence.address} has no pressure now"
         )
     return pressure_reading(

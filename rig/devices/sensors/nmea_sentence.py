@@ -45,13 +45,13 @@ _COMPLETE = {
 class Sentence:
     """A sentence: its address ("HCHDG"), its kind ("HDG") and its fields.
 
-    ``sealed`` tells whether a checksum came with it; one that is wrong never gets here.
+    ``has_checksum`` tells whether a checksum came with it; one that is wrong never gets here.
     """
 
     address: str
     kind: str
     fields: tuple[str, ...]
-    sealed: bool = dataclass_field(default=True, compare=False)
+    has_checksum: bool = dataclass_field(default=True, compare=False)
 
     def field(self, index: int) -> str:
         """A field without blanks around it, "" where the sentence is too short."""
@@ -115,12 +115,12 @@ def parse_sentence(line: bytes, *, require_checksum: bool = True) -> Sentence:
     match = _SENTENCE.fullmatch(text)
     if match is None or (len(match[2]) == 1 and checksum(match[1]) != int(match[2], 16)):
         if _WITHOUT_CHECKSUM.fullmatch(text):
-            return _unsealed(text, require_checksum)
+            return _parse_without_checksum(text, require_checksum)
         raise MessageError(f"{shown(text)} is no NMEA sentence with a checksum")
     body, sent = match[1], int(match[2], 16)
     if checksum(body) != sent:
         raise MessageError(f"{shown(text)} has the checksum {checksum(body):02X}")
-    return _fields(body, sealed=True)
+    return _fields(body, has_checksum=True)
 
 
 def _start(line: bytes) -> int:
@@ -129,10 +129,10 @@ def _start(line: bytes) -> int:
     return dollar if dollar >= 0 else max(line.rfind(b"!"), 0)
 
 
-def _unsealed(text: bytes, require_checksum: bool) -> Sentence:
+def _parse_without_checksum(text: bytes, require_checksum: bool) -> Sentence:
     if require_checksum:
         raise NoChecksumError(f"{shown(text)} is no NMEA sentence with a checksum: it ends without one")
-    sentence = _fields(text[1:].removesuffix(b"*"), sealed=False)
+    sentence = _fields(text[1:].removesuffix(b"*"), has_checksum=False)
     short = len(sentence.fields) < _COMPLETE.get(sentence.kind, 0)
     torn = sentence.kind == "XDR" and len(sentence.fields) % 4
     cut = sentence.kind in ("HDM", "HDT", "THS") and not sentence.field(1)
@@ -141,14 +141,14 @@ def _unsealed(text: bytes, require_checksum: bool) -> Sentence:
     return sentence
 
 
-def _fields(body: bytes, *, sealed: bool) -> Sentence:
+def _fields(body: bytes, *, has_checksum: bool) -> Sentence:
     text = body.decode("ascii")
     if _LETTERED_BODY.fullmatch(text):
-        return Sentence("C", LETTERED, tuple(_LETTERED_FIELD.findall(text)), sealed)
+        return Sentence("C", LETTERED, tuple(_LETTERED_FIELD.findall(text)), has_checksum)
     address, *fields = text.split(",")
     # A proprietary sentence has no talker: the last letters of Garmin's PGRMC are no RMC.
     whole = address in _WITHOUT_TALKER or address.startswith("P")
-    return Sentence(address, address if whole else address[2:], tuple(fields), sealed)
+    return Sentence(address, address if whole else address[2:], tuple(fields), has_checksum)
 
 
 class SentenceReader:
@@ -173,7 +173,7 @@ class SentenceReader:
                 raise MessageError(str(problem)) from problem
             if sentence.kind in self._kinds:
                 raise
-        if sentence.sealed:
+        if sentence.has_checksum:
             self._sealed.add(sentence.address)
         elif sentence.address in self._sealed:
             raise MessageError(f"{shown(line)} has lost its checksum")

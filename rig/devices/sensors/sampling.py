@@ -10,7 +10,7 @@ _SUSPICIOUS_REPEATS = 16
 
 Reading = TypeVar("Reading")
 
-LEAST_READINGS = 10
+MIN_READINGS = 10
 """Of a chip that is averaged: fewer say neither its mean nor its noise."""
 
 

@@ -90,7 +90,7 @@ class LineReader:
 
 
 @dataclass
-class _Heard:
+class _NoReadingReason:
     """What came instead of a reading. The line that says most is told: ``rank`` grows with it."""
 
     rank: int = 0
@@ -104,7 +104,7 @@ class _Heard:
             self.rank, self.said, self.remedy = rank, said, remedy
 
 
-_DAMAGED, _FOREIGN, _OTHER, _UNSEALED, _WITHOUT_VALUE = range(1, 6)
+_DAMAGED, _FOREIGN, _OTHER, _NO_CHECKSUM, _WITHOUT_VALUE = range(1, 6)
 
 
 class Talker(Generic[Reading]):
@@ -143,7 +143,7 @@ class Talker(Generic[Reading]):
 
     def _next(self, timeout_s: float) -> Reading:
         deadline = Deadline.after(timeout_s)
-        heard = _Heard()
+        heard = _NoReadingReason()
         last_try = False
         while not last_try:
             last_try = deadline.expired  # noise may go on for ever
@@ -158,7 +158,7 @@ class Talker(Generic[Reading]):
         problem_text = f"no {self._what} within {timeout_s:g} s; last line: {heard.said}"
         raise TransientError(self._name, problem_text, heard.remedy)
 
-    def _reading_in(self, line: bytes, heard: _Heard) -> Reading | None:
+    def _reading_in(self, line: bytes, heard: _NoReadingReason) -> Reading | None:
         set_up = f"set the instrument to send a {self._what}"
         try:
             reading = self._parse(line, Instant.now())
@@ -167,7 +167,7 @@ class Talker(Generic[Reading]):
             note_fault(self._name, f"gave no value: {problem}", "waited for the next")
         except NoChecksumError as problem:
             heard.tell(
-                _UNSEALED,
+                _NO_CHECKSUM,
                 str(problem),
                 "switch the checksum on in the instrument, or say require_checksum = false in its section",
             )
@@ -188,7 +188,7 @@ class Talker(Generic[Reading]):
             return reading
         return None
 
-    def _tell_unended(self, heard: _Heard) -> None:
+    def _tell_unended(self, heard: _NoReadingReason) -> None:
         """Bytes came, and no line: at another baud rate there is no line end among them."""
         recent = self._lines.recent
         family = family_of(recent)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from sim.evaluate.photos.traced_pictures import TUNED_ON, TracedPicture
 
 Floats = NDArray[np.float64]
-Spoiler = Callable[[Floats, Floats, np.random.Generator], tuple[Floats, Floats]]
+Degradation = Callable[[Floats, Floats, np.random.Generator], tuple[Floats, Floats]]
 """A picture (h, w, 3), 0..255, and its true rows (w,), to others."""
 
 EVERY = 3
@@ -19,16 +19,16 @@ ROLL_DEG = 12.0
 MARGIN = 0.05
 
 
-def spoilt_pictures(pictures: Sequence[TracedPicture]) -> Iterator[tuple[str, TracedPicture]]:
+def degraded_pictures(pictures: Sequence[TracedPicture]) -> Iterator[tuple[str, TracedPicture]]:
     """Each change by name, with each picture that it is made to."""
     chosen = [picture for picture in pictures if picture.half == TUNED_ON][::EVERY]
-    for name, spoil in SPOILERS.items():
+    for name, spoil in DEGRADATIONS.items():
         for number, picture in enumerate(chosen):
             image, row = spoil(
                 picture.image_bgr.astype(float), picture.true_row_px.copy(), np.random.default_rng(number)
             )
-            spoilt = np.clip(image, 0.0, 255.0).round().astype(np.uint8)
-            yield name, TracedPicture(picture.dataset, picture.name, picture.half, spoilt, row)
+            degraded = np.clip(image, 0.0, 255.0).round().astype(np.uint8)
+            yield name, TracedPicture(picture.dataset, picture.name, picture.half, degraded, row)
 
 
 def _as_it_is(image: Floats, row: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
@@ -41,7 +41,7 @@ def _haze(image: Floats, row: Floats, rng: np.random.Generator) -> tuple[Floats,
     return image + np.nan_to_num(share)[..., None] * (_sky_colour(image, row) - image), row
 
 
-def _far_ridge(darker: float) -> Spoiler:
+def _far_ridge(darker: float) -> Degradation:
     def spoil(image: Floats, row: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
         """Behind half of the skyline rises a farther ridge, darker than the sky by that share."""
         h, w = image.shape[:2]
@@ -154,7 +154,7 @@ def _sky_colour(image: Floats, row: Floats) -> Floats:
     return np.asarray(cv2.blur(colour[None], (w // 20 * 2 + 1, 1))[0])
 
 
-SPOILERS: dict[str, Spoiler] = {
+DEGRADATIONS: dict[str, Degradation] = {
     "none": _as_it_is,
     "haze that thickens towards the skyline, to 75 %": _haze,
     "far ridge behind, 35 % darker than the sky": _far_ridge(0.35),

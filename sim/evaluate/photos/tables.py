@@ -55,10 +55,10 @@ def skyline_failures(pictures: Sequence[Scored]) -> str:
     return markdown(["pictures", "name", "half", *_SKYLINE_FIGURES, "verdict"], rows)
 
 
-def spoilt_table(spoilt: Sequence[tuple[str, PictureScore]]) -> str:
+def degraded_table(degraded: Sequence[tuple[str, PictureScore]]) -> str:
     """One row a change, over the confident columns of the pictures that it was made to."""
     groups: dict[str, list[PictureScore]] = {}
-    for name, score in spoilt:
+    for name, score in degraded:
         groups.setdefault(name, []).append(score)
     rows = [[name, str(len(scores)), *_figures(together(scores))] for name, scores in groups.items()]
     return markdown(["change", "number", *_SKYLINE_FIGURES], rows)

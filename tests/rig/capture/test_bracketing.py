@@ -35,7 +35,7 @@ class Told:
     """A camera whose pictures have twice the light, and less as it is told."""
 
     name = "camera"
-    can_expose = True
+    exposure_is_settable = True
 
     def __init__(self, broken: bool = False) -> None:
         self.told: list[float] = []
@@ -46,7 +46,7 @@ class Told:
         if self._broken:
             raise TransientError("camera", "takes no exposure", "check it")
 
-    def settled_s(self) -> float:
+    def exposure_settled_at_s(self) -> float:
         return 0.0
 
     def frames_after(self, moment_s: float, count: int) -> list[TimedFrame]:
@@ -83,7 +83,7 @@ def test_a_camera_that_takes_no_exposure_keeps_its_picture() -> None:
     with collecting() as notes:
         assert bracketed(camera, usual) is usual
     assert "takes no exposure" in notes.all()[0].problem
-    camera.can_expose = False
+    camera.exposure_is_settable = False
     assert bracketed(camera, usual) is usual
 
 
@@ -109,9 +109,9 @@ def test_a_network_camera_is_told_by_its_url(stream: CameraStream) -> None:
     )
     with Camera(section) as camera:
         camera.wait_open()
-        usual = camera.frame_after(camera.settled_s()).image_bgr.mean()
+        usual = camera.frame_after(camera.exposure_settled_at_s()).image_bgr.mean()
         camera.expose(-2.0)
-        darker = camera.frame_after(camera.settled_s()).image_bgr.mean()
+        darker = camera.frame_after(camera.exposure_settled_at_s()).image_bgr.mean()
         assert darker == pytest.approx(usual * 2.0 ** (-2.0 / 2.2), rel=0.05)
     elsewhere = section.model_copy(update={"exposure_url": stream.url.replace("stream", "{ev}")})
     with Camera(elsewhere) as camera:

@@ -32,10 +32,12 @@ class Adapter:
         self.plug_in()
 
     def plug_in(self) -> None:
-        spare = pty.openpty() if self.used else ()  # the system gives the lowest free number again
+        skip_failed_sensors = (
+            pty.openpty() if self.used else ()
+        )  # the system gives the lowest free number again
         self.used = True
         self.ends = pty.openpty()
-        for end in spare:
+        for end in skip_failed_sensors:
             os.close(end)
         tty.setraw(self.ends[1])
         self.link.symlink_to(os.ttyname(self.ends[1]))

@@ -24,12 +24,12 @@ from hypothesis import strategies as st
 from rig.commands.cli import rig
 from rig.config.load import load_config
 from rig.daemon import control as control_module
-from rig.daemon.control import CLIENT_S, MOST_CLIENTS, ControlError, ControlSocket, ask
+from rig.daemon.control import CLIENT_TIMEOUT_S, MAX_CLIENTS, ControlError, ControlSocket, ask
 from rig.daemon.heartbeat import Heartbeats
 from rig.daemon.main_loop import MainLoop
 from rig.daemon.named_files import check_named_files
 from rig.daemon.notify import Notifier
-from rig.daemon.runtime import _obstacle
+from rig.daemon.runtime import _why_not_ready
 from rig.daemon.spool.store import Spool
 from rig.daemon.state import DaemonState
 from rig.daemon.status import status_json, status_text
@@ -43,10 +43,10 @@ PATIENCE_S = 30.0
 class Listening:
     """A control socket that is served, and whose loop is watched."""
 
-    def __init__(self, path: Path, obstacle: Callable[[], str | None] = lambda: None) -> None:
+    def __init__(self, path: Path, why_not_ready: Callable[[], str | None] = lambda: None) -> None:
         self.path, self.daemon_state, self.heartbeats = path, DaemonState(), Heartbeats()
         self._stop = threading.Event()
-        triggers = Triggers(self.daemon_state, obstacle, lambda source: None)
+        triggers = Triggers(self.daemon_state, why_not_ready, lambda source: None)
         self._listener = ControlSocket(path, self.daemon_state, triggers)
         self._thread = threading.Thread(target=self._serve)
         self._thread.start()
@@ -75,7 +75,7 @@ class Listening:
     def lives(self) -> bool:
         begun_s = time.monotonic()
         answers = ask(self.path, "status", PATIENCE_S)["activity"] == "starting"
-        return answers and time.monotonic() - begun_s < CLIENT_S / 2 and not self.heartbeats.stuck()
+        return answers and time.monotonic() - begun_s < CLIENT_TIMEOUT_S / 2 and not self.heartbeats.stuck()
 
 
 @pytest.fixture
@@ -94,7 +94,7 @@ def test_documents_that_are_attacks_are_answered(listening: Listening, attack: s
 def test_who_sends_a_byte_now_and_then_holds_up_nobody_and_is_cut_off(
     listening: Listening, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(control_module, "CLIENT_S", 0.6)
+    monkeypatch.setattr(control_module, "CLIENT_TIMEOUT_S", 0.6)
     with socket.socket(socket.AF_UNIX) as slow, pytest.raises(ConnectionError):  # noqa: PT012
         slow.connect(str(listening.path))
         begun_s = time.monotonic()
@@ -106,7 +106,7 @@ def test_who_sends_a_byte_now_and_then_holds_up_nobody_and_is_cut_off(
 
 
 def test_many_who_say_nothing_keep_nobody_out(listening: Listening) -> None:
-    silent = [socket.socket(socket.AF_UNIX) for _ in range(3 * MOST_CLIENTS)]
+    silent = [socket.socket(socket.AF_UNIX) for _ in range(3 * MAX_CLIENTS)]
     try:
         for each in silent:
             each.settimeout(PATIENCE_S)
@@ -151,17 +151,17 @@ def test_who_comes_with_many_others_comes_again_until_there_is_room(tmp_path: Pa
 def test_who_asks_much_and_reads_nothing_is_cut_off(
     listening: Listening, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(control_module, "CLIENT_S", 0.3)
+    monkeypatch.setattr(control_module, "CLIENT_TIMEOUT_S", 0.3)
     listening.daemon_state.set_device("camera", "failing", "x" * 3_000_000)
     with socket.socket(socket.AF_UNIX) as deaf:
         deaf.connect(str(listening.path))
         deaf.sendall(b'{"do": "status"}\n')
         time.sleep(0.8)
         assert listening.lives()
-        heard = b""
+        received = b""
         while part := deaf.recv(1 << 20):
-            heard += part
-        assert b"\n" not in heard
+            received += part
+        assert b"\n" not in received
 
 
 @settings(max_examples=80, deadline=None, suppress_health_check=list(HealthCheck))
@@ -250,7 +250,7 @@ def test_a_capture_that_the_reserve_of_the_disk_forbids_is_not_answered_started(
     daemon_state = DaemonState()
     daemon_state.set_activity("idle")
     with Spool(tmp_path / "spool", 100) as spool:
-        triggers = Triggers(daemon_state, lambda: _obstacle(daemon_state, spool), lambda source: None)
+        triggers = Triggers(daemon_state, lambda: _why_not_ready(daemon_state, spool), lambda source: None)
         usage = shutil.disk_usage(tmp_path)
         monkeypatch.setattr(shutil, "disk_usage", lambda path: usage._replace(free=22_000_000))
         assert triggers.trigger("command") == "not ready"
@@ -269,11 +269,11 @@ def test_a_quota_of_bundles_that_are_not_located_is_told_before_the_capture_too(
     daemon_state = DaemonState()
     daemon_state.set_activity("idle")
     with Spool(tmp_path / "spool", 10) as spool:
-        assert _obstacle(daemon_state, spool) is None
+        assert _why_not_ready(daemon_state, spool) is None
         folder = write_bundle(spool.bundles_dir, "20261123T043151Z-3f9a")
         (folder / "more").write_bytes(os.urandom(8_000_000))
         spool.reconcile()
-        assert "quota_mb" in (_obstacle(daemon_state, spool) or "")
+        assert "quota_mb" in (_why_not_ready(daemon_state, spool) or "")
         assert len(spool.entries(5)) == 1, "asking deletes nothing"
 
 

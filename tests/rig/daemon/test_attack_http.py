@@ -21,9 +21,9 @@ from rig.daemon.heartbeat import Heartbeats
 from rig.daemon.http import serving
 from rig.daemon.http.app import make_app
 from rig.daemon.http.event_streams import EventStreams
-from rig.daemon.http.idle_timeout import MOST_WAITING
+from rig.daemon.http.idle_timeout import MAX_WAITING
 from rig.daemon.http.map import ReliefMap
-from rig.daemon.http.request_limits import MOST_BODY_BYTES
+from rig.daemon.http.request_limits import MAX_BODY_BYTES
 from rig.daemon.spool.store import Spool
 from rig.daemon.state import DaemonState
 
@@ -93,7 +93,7 @@ def test_a_body_larger_than_any_request_has_is_answered_413_and_not_taken_in(ser
     assert server.answer_to(chunked, *[chunk] * 3).startswith(b"HTTP/1.1 413")
     get = b"GET /status HTTP/1.1\r\nHost: localhost\r\nContent-Length: 70000\r\n\r\n"
     assert server.answer_to(get).startswith(b"HTTP/1.1 413")
-    too_much = httpx.post(f"{server.url}/capture", headers=BEARER, content=bytes(MOST_BODY_BYTES + 1))
+    too_much = httpx.post(f"{server.url}/capture", headers=BEARER, content=bytes(MAX_BODY_BYTES + 1))
     assert too_much.status_code == 413
     assert len(server.actions.asked) == asked
     assert httpx.post(f"{server.url}/capture", headers=BEARER, content=b"{}").status_code == 202
@@ -136,7 +136,7 @@ def test_lies_about_the_body_and_heaps_of_headers_are_refused(server: Server, li
 
 
 def test_a_body_that_does_not_end_is_answered_408(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rig.daemon.http.request_limits.BODY_WITHIN_S", 0.2)
+    monkeypatch.setattr("rig.daemon.http.request_limits.BODY_TIMEOUT_S", 0.2)
     with server.connected() as client:
         client.sendall(HEAD + b"Content-Length: 10\r\n\r\n")
         begun = time.monotonic()
@@ -147,7 +147,7 @@ def test_a_body_that_does_not_end_is_answered_408(server: Server, monkeypatch: p
 
 def test_connections_that_ask_nothing_do_not_keep_others_out(server: Server) -> None:
     with ExitStack() as held:
-        for _ in range(2 * MOST_WAITING):
+        for _ in range(2 * MAX_WAITING):
             held.enter_context(server.connected()).sendall(b"GET /status HTTP/1.1\r\nX-Slow: ")
         assert httpx.get(f"{server.url}/status", timeout=PATIENCE_S).status_code == 200
 
@@ -212,7 +212,7 @@ GUESS = b"POST /capture HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer a-w
 def test_those_whose_questions_take_long_keep_nobody_out(server: Server, slow: bytes) -> None:
     """While they wait, and as many after they have gone: their places are free again."""
     with ExitStack() as stack:
-        for _ in range(MOST_WAITING + 4):
+        for _ in range(MAX_WAITING + 4):
             stack.enter_context(server.connected()).sendall(slow)
             time.sleep(0.01)
         assert server.lives()
@@ -230,10 +230,10 @@ def test_who_reads_a_stream_stays_when_many_come(server: Server) -> None:
     with server.connected() as reader, ExitStack() as stack:
         reader.sendall(b"GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n")
         assert b"200 OK" in reader.recv(4096)
-        for _ in range(2 * MOST_WAITING):
+        for _ in range(2 * MAX_WAITING):
             stack.enter_context(server.connected()).sendall(GUESS)
         assert server.lives()
-        server.daemon_state.tell("status", still="there")
+        server.daemon_state.emit("status", still="there")
         heard = b""
         while b"still" not in heard:
             heard += reader.recv(4096)

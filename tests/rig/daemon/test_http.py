@@ -18,7 +18,7 @@ from localizer.track.tracker import Tracker
 from rig.config.run import HttpServer
 from rig.daemon.http.access_control import read_token
 from rig.daemon.http.app import make_app
-from rig.daemon.http.event_streams import MOST_STREAMS, EventStreams, TooManyStreamsError
+from rig.daemon.http.event_streams import MAX_STREAMS, EventStreams, TooManyStreamsError
 from rig.daemon.http.map import ReliefMap
 from rig.daemon.spool.store import Entry, Spool, SpoolError
 from rig.daemon.state import Answer, DaemonState, TriggerAnswer
@@ -442,7 +442,7 @@ def test_openapi_knows_every_path_and_what_it_answers(published: Published) -> N
 def test_no_more_streams_are_served_than_can_be() -> None:
     event_streams = EventStreams(DaemonState())
     with ExitStack() as held:
-        for _ in range(MOST_STREAMS):
+        for _ in range(MAX_STREAMS):
             held.enter_context(event_streams.stream())
         with pytest.raises(TooManyStreamsError), event_streams.stream():
             pass

@@ -16,7 +16,7 @@ from fakes.located import ScriptedActions, answer_of, bundle_id
 from rig.config.run import HttpServer
 from rig.daemon.heartbeat import Heartbeats
 from rig.daemon.http import serving
-from rig.daemon.http.event_streams import MOST_STREAMS
+from rig.daemon.http.event_streams import MAX_STREAMS
 from rig.daemon.http.server import HttpError
 from rig.daemon.spool.store import Spool
 from rig.daemon.state import DaemonState
@@ -101,7 +101,7 @@ def test_who_was_cut_off_hears_what_was_missed(spool: Spool) -> None:
     with served(spool, daemon_state) as url:
         early = Listener(url)
         for number in range(5):
-            daemon_state.tell("log", level="info", text=f"line {number}")
+            daemon_state.emit("log", level="info", text=f"line {number}")
         wait_for(lambda: len(early.events()) == 5)
         numbers = [event["number"] for event in early.events()]
         back = Listener(url, {"Last-Event-ID": str(numbers[2])})
@@ -115,7 +115,7 @@ def test_a_reader_too_many_is_told_to_come_again_and_one_that_leaves_makes_room(
     with served(spool, DaemonState()) as url, ExitStack() as held:
         address = httpx.URL(url)
         readers = []
-        for _ in range(MOST_STREAMS):
+        for _ in range(MAX_STREAMS):
             reader = held.enter_context(socket.create_connection((address.host, address.port)))
             reader.sendall(b"GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n")
             assert reader.recv(12) == b"HTTP/1.1 200"
@@ -140,7 +140,7 @@ def test_a_reader_that_takes_nothing_holds_nobody_up(spool: Spool) -> None:
             deaf.sendall(b"GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n")
             listener = Listener(url)
             for number in range(2000):
-                daemon_state.tell("log", message="x" * 4000, number=number)
+                daemon_state.emit("log", message="x" * 4000, number=number)
                 if number % 50 == 0:
                     wait_for(lambda number=number: len(listener.events()) > number - 50)  # type: ignore[misc]
             wait_for(lambda: len(listener.events()) == 2000)
@@ -205,7 +205,7 @@ def test_the_map_shows_the_whole_dem_in_its_metric_crs(spool: Spool) -> None:
 def test_connections_over_which_nothing_is_asked_are_cut_off_and_streams_are_not(
     spool: Spool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("rig.daemon.http.idle_timeout.ASKED_WITHIN_S", 0.3)
+    monkeypatch.setattr("rig.daemon.http.idle_timeout.REQUEST_TIMEOUT_S", 0.3)
     daemon_state = DaemonState()
     with served(spool, daemon_state) as url, ExitStack() as stack:
         host, port = url.removeprefix("http://").split(":")

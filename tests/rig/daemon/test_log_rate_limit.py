@@ -89,7 +89,7 @@ def test_events_of_different_devices_and_bundles_are_different_ones(capsys):
 
 
 def test_refused_clients_do_not_fill_the_journal(monkeypatch, capsys):
-    monkeypatch.setattr(tcp_broadcast, "MOST_CLIENTS", 1)
+    monkeypatch.setattr(tcp_broadcast, "MAX_CLIENTS", 1)
     daemon_state = DaemonState()
     with (
         logging_to(daemon_state, {}),

@@ -46,14 +46,14 @@ class Autopilot:
         self.socket.settimeout(SOON_S)
         self.port = self.socket.getsockname()[1]
         self.mav = common.MAVLink(None, srcSystem=1, srcComponent=1)
-        self.heard = []
+        self.autopilot_present = []
 
     def until(self, kind, wanted=lambda message: True):
         deadline_s = time.monotonic() + SOON_S
         while time.monotonic() < deadline_s:
             data, self.companion = self.socket.recvfrom(65536)
             for message in self.mav.parse_buffer(data):
-                self.heard.append(message)
+                self.autopilot_present.append(message)
                 if message.get_type() == kind and wanted(message):
                     return message
         return pytest.fail(f"no such {kind} came")
@@ -69,7 +69,9 @@ class Autopilot:
         )
 
     def count(self, kind, wanted=lambda message: True):
-        return len([message for message in self.heard if message.get_type() == kind and wanted(message)])
+        return len(
+            [message for message in self.autopilot_present if message.get_type() == kind and wanted(message)]
+        )
 
 
 @contextmanager
@@ -160,7 +162,7 @@ def test_a_fix_of_before_the_link_began_is_not_repeated():
 
 
 def test_the_board_tells_whether_the_autopilot_is_heard_and_takes_the_fixes(monkeypatch, caplog):
-    monkeypatch.setattr(mavlink, "HEARD_WITHIN_S", 1.5)
+    monkeypatch.setattr(mavlink, "HEARTBEAT_TIMEOUT_S", 1.5)
     daemon_state = DaemonState()
     with linked(daemon_state) as autopilot:
         autopilot.until("HEARTBEAT")
@@ -180,8 +182,8 @@ def test_the_board_tells_whether_the_autopilot_is_heard_and_takes_the_fixes(monk
 
 
 def test_a_command_that_is_not_answered_is_sent_again_with_its_age_then(monkeypatch, caplog):
-    monkeypatch.setattr(mavlink, "ANSWERED_WITHIN_S", 0.3)
-    monkeypatch.setattr(mavlink, "HEARD_WITHIN_S", SOON_S)
+    monkeypatch.setattr(mavlink, "ACK_TIMEOUT_S", 0.3)
+    monkeypatch.setattr(mavlink, "HEARTBEAT_TIMEOUT_S", SOON_S)
     daemon_state = DaemonState()
     with linked(daemon_state) as autopilot:
         autopilot.until("HEARTBEAT")
@@ -198,14 +200,14 @@ def test_a_command_that_is_not_answered_is_sent_again_with_its_age_then(monkeypa
         until(lambda: daemon_state.snapshot().counts.get("mavlink fixes unanswered"))
         for _ in range(2):
             autopilot.until("HEARTBEAT")
-        assert autopilot.count("COMMAND_INT") <= 2 + 1 + mavlink.MOST_TIMES
+        assert autopilot.count("COMMAND_INT") <= 2 + 1 + mavlink.MAX_SENDS
         counts = daemon_state.snapshot().counts
         assert (counts["mavlink fixes sent"], counts["mavlink fixes accepted"]) == (2, 1)
     assert "does not answer the fix of b" in caplog.text
 
 
 def test_a_link_that_breaks_is_opened_again_and_a_current_fix_still_sent(monkeypatch):
-    monkeypatch.setattr(mavlink, "LEAST_RETRY_S", 0.05)
+    monkeypatch.setattr(mavlink, "MIN_RETRY_S", 0.05)
     daemon_state = DaemonState()
     autopilot = Autopilot()
     with publishing(MavlinkOutput(connection=f"udpout:127.0.0.1:{autopilot.port}"), daemon_state):
@@ -222,7 +224,7 @@ def test_a_link_that_breaks_is_opened_again_and_a_current_fix_still_sent(monkeyp
 
 
 def test_tcp_and_an_autopilot_that_hangs_up(monkeypatch):
-    monkeypatch.setattr(mavlink, "LEAST_RETRY_S", 0.05)
+    monkeypatch.setattr(mavlink, "MIN_RETRY_S", 0.05)
     daemon_state = DaemonState()
     with socket.create_server(("127.0.0.1", 0)) as server:
         server.settimeout(SOON_S)
@@ -276,7 +278,7 @@ def test_an_autopilot_that_comes_in_the_middle_of_a_fix_still_gets_it(messages):
 
 
 def test_an_autopilot_that_was_restarted_gets_the_current_fix_again(monkeypatch):
-    monkeypatch.setattr(mavlink, "HEARD_WITHIN_S", 1.5)
+    monkeypatch.setattr(mavlink, "HEARTBEAT_TIMEOUT_S", 1.5)
     daemon_state = DaemonState()
     with linked(daemon_state, messages=("GPS_INPUT",)) as autopilot:
         autopilot.until("HEARTBEAT")
@@ -291,14 +293,14 @@ def test_an_autopilot_that_was_restarted_gets_the_current_fix_again(monkeypatch)
 
 
 def test_a_serial_port_that_is_unplugged_is_a_fault_on_the_board(monkeypatch):
-    monkeypatch.setattr(mavlink, "LEAST_RETRY_S", 0.05)
+    monkeypatch.setattr(mavlink, "MIN_RETRY_S", 0.05)
     controller, port = pty.openpty()
     tty.setraw(controller)
     tty.setraw(port)
     daemon_state = DaemonState()
     with publishing(MavlinkOutput(connection=os.ttyname(port)), daemon_state):
-        heard = common.MAVLink(None).parse_buffer(os.read(controller, 65536))
-        assert heard[0].get_type() == "HEARTBEAT"
+        autopilot_present = common.MAVLink(None).parse_buffer(os.read(controller, 65536))
+        assert autopilot_present[0].get_type() == "HEARTBEAT"
         os.close(port)
         os.close(controller)
         until(lambda: link_of(daemon_state).state == "failing")

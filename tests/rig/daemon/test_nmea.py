@@ -134,7 +134,7 @@ def test_what_a_client_says_is_ignored():
 
 
 def test_more_clients_than_there_is_room_for_are_turned_away(monkeypatch):
-    monkeypatch.setattr(tcp_broadcast, "MOST_CLIENTS", 2)
+    monkeypatch.setattr(tcp_broadcast, "MAX_CLIENTS", 2)
     with served() as (_, client, _):
         first, second = client(), client()
         first.until("GGA")

@@ -221,7 +221,7 @@ class TestWay:
         odometer = captured_at(0.0)
         odometer.leg(A_LEG, 1.0)
         odometer.begin(2.0)
-        odometer.lose()
+        odometer.mark_unknown()
         odometer.undo_capture()
         assert odometer.movement(3.0) is None
 
@@ -302,7 +302,7 @@ def test_a_capture_that_the_spool_refuses_takes_nothing_off_the_way() -> None:
 
     now_s = time.monotonic()
     odometer, spool, daemon_state = captured_at(now_s - 20.0), FullDisk(), DaemonState()
-    signals = SimpleNamespace(shielded=nullcontext)
+    signals = SimpleNamespace(deferring_stop=nullcontext)
     captures = Captures(None, daemon_state, spool, signals, None, None, odometer)  # type: ignore[arg-type]
     driven(odometer, 90.0, 10.0, now_s - 20.0, 20.0)
     for spool.refuses_room in (False, True, False):

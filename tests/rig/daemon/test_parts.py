@@ -16,7 +16,7 @@ from click.testing import CliRunner
 from fakes import located
 
 from rig.commands.cli import rig
-from rig.config.run import control_in_bad
+from rig.config.run import control_socket_of_invalid_config
 from rig.daemon.control import ControlError, ControlSocket, ask
 from rig.daemon.log import logging_to
 from rig.daemon.signals import Signals, StopRequestedError
@@ -94,7 +94,7 @@ class TestSignals:
     @pytest.fixture(autouse=True)
     def _lives_on(self, monkeypatch: pytest.MonkeyPatch) -> None:
         """A process that was told to stop ends itself after some seconds; this one has other tests to do."""
-        monkeypatch.setattr("rig.daemon.signals.ENDED_WITHIN_S", 3600.0)
+        monkeypatch.setattr("rig.daemon.signals.KILL_AFTER_S", 3600.0)
 
     def test_a_stop_interrupts_once(self) -> None:
         with Signals() as signals:
@@ -107,7 +107,7 @@ class TestSignals:
         done = []
         with Signals() as signals:
             with pytest.raises(StopRequestedError):  # noqa: PT012, SIM117
-                with signals.shielded():
+                with signals.deferring_stop():
                     signal.raise_signal(signal.SIGINT)
                     done.append("ended")
             assert done == ["ended"]
@@ -176,7 +176,7 @@ class TestControl:
             '[run.spool]\ndir = "there"\nquota_mb = "much"\n': "there/control.sock",
         }.items():
             config.write_text(text)
-            assert control_in_bad(config) == tmp_path / control
+            assert control_socket_of_invalid_config(config) == tmp_path / control
         for text in (
             "[pan_tlit]\n",
             "not = [TOML",
@@ -185,7 +185,7 @@ class TestControl:
             "[run]\nspool = 5\n",
         ):
             config.write_text(text)
-            assert control_in_bad(config) is None
+            assert control_socket_of_invalid_config(config) is None
 
     def test_where_no_daemon_answers_the_configuration_is_what_is_wrong(self, tmp_path: Path) -> None:
         config = tmp_path / "vehicle.toml"

@@ -12,7 +12,7 @@ from pyproj import CRS, Geod, Transformer
 
 from localizer.fix import Position
 from rig.clock import Instant
-from rig.daemon.publish.published import current_fix, lapsed, published, true_covariance_m2
+from rig.daemon.publish.published import current_fix, expiry_reason, published, true_covariance_m2
 from rig.daemon.state import DaemonState
 
 VALID_S = 30.0
@@ -74,7 +74,7 @@ def test_a_vehicle_that_has_moved_since_is_not_there_any_more():
     daemon_state.set_moving()
     assert current_fix(daemon_state.snapshot(), at, VALID_S) is None
     assert (
-        lapsed(daemon_state.snapshot().last, daemon_state.snapshot(), at, VALID_S)
+        expiry_reason(daemon_state.snapshot().last, daemon_state.snapshot(), at, VALID_S)
         == "the vehicle has moved on"
     )
 

@@ -21,7 +21,7 @@ from rig.daemon.boot import asleep_s, boot_id
 from rig.daemon.http.app import make_app
 from rig.daemon.http.event_streams import EventStreams
 from rig.daemon.http.map import ReliefMap
-from rig.daemon.publish.published import current_fix, lapsed, newest
+from rig.daemon.publish.published import current_fix, expiry_reason, newest_answer
 from rig.daemon.search.locate_loop import answer_of as found_answer
 from rig.daemon.search.locate_loop import restore
 from rig.daemon.search.process import CaptureInfo, SearchResult
@@ -74,7 +74,7 @@ def test_the_last_fix_is_known_again_with_its_age_and_is_not_current(spool: Spoo
     assert snapshot.last.bundle == bundle
     assert now.monotonic_s - snapshot.last.captured.monotonic_s == pytest.approx(120.0, abs=5.0)
     assert current_fix(snapshot, now, VALID_S) is None
-    assert "before the restart" in str(lapsed(snapshot.last, snapshot, now, VALID_S))
+    assert "before the restart" in str(expiry_reason(snapshot.last, snapshot, now, VALID_S))
 
 
 def test_over_http_it_is_there_at_once_and_says_what_it_is(spool: Spool) -> None:
@@ -107,7 +107,7 @@ def test_what_has_been_answered_since_is_not_overwritten(spool: Spool) -> None:
     daemon_state = DaemonState()
     daemon_state.set_answer(answer_of("of this run", age_s=1.0))
     restore(daemon_state, spool)
-    last = newest(daemon_state.snapshot())
+    last = newest_answer(daemon_state.snapshot())
     assert last is not None
     assert last.bundle == "of this run"
 

@@ -15,7 +15,7 @@ from localizer.fix import Fix, Nuisance
 from localizer.track.document import TrackLine
 from localizer.track.tracker import Tracker
 from rig.daemon.boot import boot_id
-from rig.daemon.search.locate_loop import Search, moment_of, vehicle_heading_deg
+from rig.daemon.search.locate_loop import LocateLoop, moment_of, vehicle_heading_deg
 from rig.daemon.search.process import CaptureInfo, SearchFailedError, SearchProcess, SearchResult
 from rig.daemon.spool.store import Spool
 from rig.daemon.state import DaemonState
@@ -109,7 +109,7 @@ class TestLoop:
             return SearchProcess([Path("any.tif")], 256, time_s, FAKE)
 
         daemon_state, stop = DaemonState(), threading.Event()
-        search = Search(spool, daemon_state, start, start())
+        search = LocateLoop(spool, daemon_state, start, start())
         thread = threading.Thread(target=search.run, args=(lambda: None, stop))
         thread.start()
         search.wake()
@@ -139,7 +139,7 @@ class TestLoop:
 
     def test_a_dem_that_cannot_be_read_ends_the_loop_and_whoever_waits_hears_why(self, spool: Spool) -> None:
         worker = SearchProcess([Path("bad.tif")], 256, IN_TIME_S, FAKE)
-        search = Search(spool, DaemonState(), lambda: pytest.fail("started anew"), worker)
+        search = LocateLoop(spool, DaemonState(), lambda: pytest.fail("started anew"), worker)
         search.run(lambda: None, threading.Event())
         with pytest.raises(SearchFailedError, match=r"bad\.tif: does not exist"):
             search.terrain.result(0.0)
@@ -151,7 +151,9 @@ class TestLoop:
             stop.set()
             return SearchProcess([Path("any.tif")], 256, IN_TIME_S, FAKE)
 
-        search = Search(spool, DaemonState(), start, SearchProcess([Path("fatal.tif")], 256, IN_TIME_S, FAKE))
+        search = LocateLoop(
+            spool, DaemonState(), start, SearchProcess([Path("fatal.tif")], 256, IN_TIME_S, FAKE)
+        )
         search.run(lambda: None, stop)
         search.terrain.result(0.0)
         search.pictures.result(0.0)
@@ -172,7 +174,7 @@ class TestLoop:
             put_bundle(spool, "hang")
             spool.reconcile()
             worker = SearchProcess([Path("any.tif")], 256, IN_TIME_S, FAKE)
-            search = Search(spool, daemon_state, lambda: pytest.fail("started anew"), worker)
+            search = LocateLoop(spool, daemon_state, lambda: pytest.fail("started anew"), worker)
             thread = threading.Thread(target=search.run, args=(lambda: None, stop))
             thread.start()
             while daemon_state.snapshot().locating is None:
@@ -196,7 +198,7 @@ class TestLoop:
         spool.reconcile()
         daemon_state, stop = DaemonState(), threading.Event()
         worker = SearchProcess([Path("any.tif")], 256, 60.0, FAKE)
-        search = Search(spool, daemon_state, lambda: pytest.fail("started anew"), worker)
+        search = LocateLoop(spool, daemon_state, lambda: pytest.fail("started anew"), worker)
         thread = threading.Thread(target=search.run, args=(lambda: None, stop))
         thread.start()
         while daemon_state.snapshot().locating is None:

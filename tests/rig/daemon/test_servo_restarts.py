@@ -10,7 +10,8 @@ from fakes.daemon import add_keys
 from fakes.simulated import quick_rig, world
 
 from rig.config.load import load_config
-from rig.daemon.device_monitor import DeviceLocks, DeviceMonitor
+from rig.daemon.device_locks import DeviceLocks
+from rig.daemon.device_monitor import DeviceMonitor
 from rig.daemon.servo_restarts import ServoRestarts, restart_servos
 from rig.daemon.state import DaemonState
 from rig.errors import DeviceError
@@ -77,7 +78,7 @@ def restarts_within(restarts: ServoRestarts, clock: list[float], seconds: int) -
     """How often they are restarted while the error is there at each look, once a second."""
     count = 0
     for _ in range(seconds):
-        count += len(restarts.hindered())
+        count += len(restarts.hardware_error_seen())
         clock[0] += 1.0
     return count
 
@@ -91,14 +92,14 @@ def test_restarts_grow_rarer_and_end_until_a_capture_has_worked(clock: list[floa
     assert restarts_within(restarts, clock, 365) == 1
     assert restarts.exhausted
     assert restarts_within(restarts, clock, 100_000) == 0
-    restarts.worked()
+    restarts.capture_succeeded()
     assert restarts_within(restarts, clock, 12) == 1
 
 
 def test_an_error_that_passes_by_itself_is_waited_for_anew(clock: list[float]) -> None:
     restarts = ServoRestarts(lambda: ["tilt servo: overheated"], (10.0,))
     assert restarts_within(restarts, clock, 9) == 0
-    restarts.fine()
+    restarts.healthy()
     assert restarts_within(restarts, clock, 10) == 0
     assert restarts_within(restarts, clock, 2) == 1
 

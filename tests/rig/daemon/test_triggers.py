@@ -17,9 +17,11 @@ from rig.config.load import load_config
 from rig.config.model import RigConfig
 from rig.config.run import RestTrigger, RunSection
 from rig.daemon import stationary_trigger
-from rig.daemon.device_monitor import DeviceLocks, DeviceMonitor, next_wait_s, obstacle
+from rig.daemon.device_locks import DeviceLocks
+from rig.daemon.device_monitor import DeviceMonitor, next_wait_s
 from rig.daemon.main_loop import MainLoop, RequestQueue
 from rig.daemon.notify import Notifier
+from rig.daemon.readiness import why_not_ready
 from rig.daemon.state import DaemonState
 from rig.daemon.stationary_trigger import SAMPLES_A_SECOND, StationaryDetector, StationaryMonitor, noise_mg
 from rig.daemon.triggers import Triggers
@@ -269,20 +271,20 @@ def watched() -> Iterator[Watched]:
 class TestDevices:
     def test_before_the_daemon_has_started_there_is_no_capture(self) -> None:
         daemon_state = DaemonState()
-        assert obstacle(daemon_state) == "still starting"
+        assert why_not_ready(daemon_state) == "still starting"
         daemon_state.set_activity("idle")
-        assert obstacle(daemon_state) is None
+        assert why_not_ready(daemon_state) is None
 
     def test_one_that_comes_is_found_and_one_that_goes_is_missed(self, watched: Watched) -> None:
         watched.until(head="ok", camera="failing", compass="failing", altimeter="absent")
-        assert obstacle(watched.daemon_state) == "camera not ready"
+        assert why_not_ready(watched.daemon_state) == "camera not ready"
         assert watched.daemon_state.snapshot().degraded
         watched.devices.broken = {"compass"}
         watched.until(camera="ok")
-        assert obstacle(watched.daemon_state) is None  # without a compass it goes on
+        assert why_not_ready(watched.daemon_state) is None  # without a compass it goes on
         watched.devices.broken = {"compass", "head"}
         watched.until(head="failing")
-        assert obstacle(watched.daemon_state) == "head not ready"
+        assert why_not_ready(watched.daemon_state) == "head not ready"
 
     def test_a_servo_with_a_hardware_error_is_not_ready(self, watched: Watched) -> None:
         watched.devices.warnings["head"] = ("pan servo: overload",)
@@ -294,7 +296,7 @@ class TestDevices:
         watched.until(head="ok")
         with watched.device_locks.all():
             watched.devices.opened.clear()
-            watched.watch.soon()
+            watched.watch.probe_now()
             time.sleep(0.6)
             assert watched.devices.opened == []
 

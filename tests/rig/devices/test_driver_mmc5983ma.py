@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from rig.devices.sensors import mmc5983ma
 from rig.devices.sensors.mmc5983ma import Mmc5983ma, decode_field, decode_temperature_c
-from rig.devices.sensors.sampling import LEAST_READINGS
+from rig.devices.sensors.sampling import MIN_READINGS
 from rig.errors import DeviceError, TransientError, WrongDeviceError
 from rig.fault_notes import collecting
 
@@ -99,7 +99,7 @@ def test_many_readings_are_enough_for_a_mean_however_short_the_time(sensor, monk
     noisy = itertools.count()
     read = sensor.read
     monkeypatch.setattr(sensor, "read", lambda: replace(read(), x_ut=20.0 + 0.01 * next(noisy)))
-    assert len(sensor.read_many(0.0)) == LEAST_READINGS
+    assert len(sensor.read_many(0.0)) == MIN_READINGS
 
 
 def test_a_chip_whose_readings_are_all_the_same_is_frozen(sensor):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sim.evaluate.photos.degraded_pictures import SPOILERS, spoilt_pictures
+from sim.evaluate.photos.degraded_pictures import DEGRADATIONS, degraded_pictures
 from sim.evaluate.photos.traced_pictures import HELD_OUT, TUNED_ON, TracedPicture
 
 WIDTH, HEIGHT = 400, 300
@@ -19,11 +19,11 @@ def picture(half: str = TUNED_ON) -> TracedPicture:
 
 
 @pytest.mark.parametrize(
-    "name", [n for n in SPOILERS if n not in ("haze that thickens towards the skyline, to 75 %",)]
+    "name", [n for n in DEGRADATIONS if n not in ("haze that thickens towards the skyline, to 75 %",)]
 )
 def test_the_truth_lies_between_sky_and_terrain_whatever_was_done(name: str) -> None:
-    (spoilt,) = [picture for change, picture in spoilt_pictures([picture()]) if change == name]
-    image, row = spoilt.image_bgr.mean(axis=2), spoilt.true_row_px
+    (degraded,) = [picture for change, picture in degraded_pictures([picture()]) if change == name]
+    image, row = degraded.image_bgr.mean(axis=2), degraded.true_row_px
     assert image.shape[1] == len(row)
     inside = np.isfinite(row) & (row > BESIDE_PX) & (row < len(image) - BESIDE_PX - 1)
     assert inside.mean() > 0.5
@@ -34,11 +34,11 @@ def test_the_truth_lies_between_sky_and_terrain_whatever_was_done(name: str) -> 
 
 
 def test_only_pictures_that_were_tuned_on_are_spoilt() -> None:
-    assert list(spoilt_pictures([picture(HELD_OUT)])) == []
-    assert len(list(spoilt_pictures([picture()] * 4))) == 2 * len(SPOILERS)
+    assert list(degraded_pictures([picture(HELD_OUT)])) == []
+    assert len(list(degraded_pictures([picture()] * 4))) == 2 * len(DEGRADATIONS)
 
 
 def test_a_cloud_and_a_mast_leave_the_truth_unknown_where_they_hide_it() -> None:
-    spoilt = dict(spoilt_pictures([picture()]))
+    degraded = dict(degraded_pictures([picture()]))
     for name in ("cloud that lies on the ridge", "masts"):
-        assert np.isnan(spoilt[name].true_row_px).sum() > 22
+        assert np.isnan(degraded[name].true_row_px).sum() > 22

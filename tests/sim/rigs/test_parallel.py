@@ -12,7 +12,7 @@ import pytest
 
 from localizer.errors import SkyfixError
 from sim.launch.child_command import find_command, search_path
-from sim.rigs.parallel import side_by_side
+from sim.rigs.parallel import run_in_parallel
 
 PATIENCE_S = 240.0
 ENDS_WITHIN_S = 20.0
@@ -32,19 +32,19 @@ def linger(folder: str) -> None:
 
 
 def test_each_item_has_a_process_of_its_own() -> None:
-    done = dict(side_by_side(process_of, range(5), 2))
+    done = dict(run_in_parallel(process_of, range(5), 2))
     assert sorted(done) == list(range(5))
     assert len({*done.values(), os.getpid()}) == 6
 
 
 def test_an_expected_failure_there_is_one_here() -> None:
     with pytest.raises(SkyfixError, match="13 is a bad number"):
-        list(side_by_side(process_of, [1, 13], 1))
+        list(run_in_parallel(process_of, [1, 13], 1))
 
 
 def test_a_process_without_a_result_is_a_defect() -> None:
     with pytest.raises(RuntimeError, match="ended with status 7 and no result"):
-        list(side_by_side(process_of, [14], 1))
+        list(run_in_parallel(process_of, [14], 1))
 
 
 def test_an_early_end_ends_what_runs_through_its_clean_up(tmp_path: Path) -> None:
@@ -54,7 +54,10 @@ def test_an_early_end_ends_what_runs_through_its_clean_up(tmp_path: Path) -> Non
     before = signal.signal(signal.SIGALRM, interrupt)
     signal.setitimer(signal.ITIMER_REAL, 1.0)
     try:
-        with pytest.raises(KeyboardInterrupt), closing(side_by_side(linger, [str(tmp_path)] * 3, 2)) as done:
+        with (
+            pytest.raises(KeyboardInterrupt),
+            closing(run_in_parallel(linger, [str(tmp_path)] * 3, 2)) as done,
+        ):
             list(done)
     finally:
         signal.signal(signal.SIGALRM, before)
