@@ -2,74 +2,44 @@
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from localizer.bundle import Altitude
 from localizer.errors import SkyfixError
 from localizer.skyline.find import find_skyline
 from rig import clock, event_bus
 from rig.attitude.altitude_plausibility import altitude_bounds
-from rig.attitude.kinematics import Attitude, Head, JointAngles, body_attitude, head_rotation, joints_for
-from rig.attitude.level import HeadLevel
-from rig.attitude.tilt_agreement import require_agreement
+from rig.attitude.kinematics import Head, JointAngles
 from rig.bundle.writer import Measurement, require_writable, write_bundle
 from rig.capture import derive
-from rig.capture.averaged_readings import AltitudeReading, read_altitude, require_stood, still_level, utc_text
+from rig.capture.averaged_readings import AltitudeReading, read_altitude, utc_text
 from rig.capture.base_attitude import (
     BaseEstimate,
-    Stop,
     compass_record,
     estimate_base,
     measure_base,
-    read_compass_during_picture,
-    stop_of,
 )
-from rig.capture.pictures.framing import confident_fraction, state_counts, tilt_correction_deg
-from rig.capture.pictures.quality import Seen
-from rig.capture.pictures.take import seen_at, take_pictures
+from rig.capture.pictures.take import seen_at
 from rig.capture.progress import ProgressReporter, PublishingReporter
+from rig.capture.view import View, aim_and_take, in_sweep_order
 from rig.config.directions import Direction
 from rig.config.model import RigConfig
 from rig.devices.bus.retry import retry
-from rig.devices.camera.driver import TimedFrame
 from rig.devices.connect import Rig, connect
-from rig.devices.pan_tilt import HeadState
-from rig.errors import GoalError, RigError
+from rig.errors import RigError
 from rig.fault_notes import collecting, note_fault
 
 if TYPE_CHECKING:
     from localizer.dem.lattice import Dem
 
-MAX_VIEWS = 5
-SEARCH_TILT_DEG = 15.0
-ASIDE_DEG = 5.0  # how far from its direction a frame may be taken where the pan does not reach quite round
-PLAY_DEG = 0.5
 CLOCK_STEP_S = 1.0
 
 
 class CaptureError(RigError):
     """The devices work, but what they see is no measurement."""
-
-
-@dataclass(frozen=True)
-class View:
-    """What was read while the head stood in one position; ``pointing`` is by the heading as it was known then."""
-
-    before: HeadState
-    state: HeadState
-    stop: Stop
-    frames: list[TimedFrame]
-    image_bgr: NDArray[np.uint8]
-    pointing: Attitude
-    skyline_share: float
-    skyline_states: dict[str, int]
-    tilt_correction_deg: float | None
 
 
 def capture(
@@ -224,122 +194,6 @@ def require_fresh(times: Mapping[str, datetime], oldest_s: float) -> None:
         raise CaptureError(
             f"{name} is {age_s:.0f} s old, more than {oldest_s:g} s ([capture] oldest_reading_s): "
             "look at what held the capture up, and take it again"
-        )
-
-
-def aim_and_take(
-    rig: Rig, direction: Direction, base_estimate: BaseEstimate, head: Head, seen: list[Seen] | None = None
-) -> View:
-    """Point at a direction and tilt until the skyline lies well in the picture.
-
-    ``seen`` are the views before this one, in whichever direction; those of this one are added to it.
-
-    Begins at tilt 0. Where the picture shows no skyline at all, looks higher and lower once each. After
-    ``MAX_VIEWS`` views, or where the head does not tilt further, the view with most skyline is taken.
-    """
-    seen = [] if seen is None else seen
-    tilts_to_search = [SEARCH_TILT_DEG, -SEARCH_TILT_DEG]
-    tilt_deg = 0.0
-    views: list[View] = []
-    while len(views) < MAX_VIEWS:
-        try:
-            joints = nearest_reachable_joints(direction.azimuth_deg, tilt_deg, base_estimate.attitude, head)
-        except GoalError:
-            if not views:
-                raise
-            break
-        view = take_view(rig, joints, base_estimate, head, seen)
-        # The last one: a camera that freezes while a view is taken mixes what it saw before into the mean.
-        seen.append(seen_at(joints, view.frames[-1].image_bgr))
-        views.append(view)
-        if view.tilt_correction_deg == 0.0:
-            return view
-        if view.tilt_correction_deg is not None:
-            tilt_deg = view.pointing.tilt_deg + view.tilt_correction_deg
-        elif tilts_to_search:
-            tilt_deg = tilts_to_search.pop(0)
-        else:
-            break
-    return max(reversed(views), key=lambda view: view.skyline_share)
-
-
-def nearest_reachable_joints(azimuth_deg: float, tilt_deg: float, base: Attitude, head: Head) -> JointAngles:
-    """Joint angles for a direction, or for the nearest one within ``ASIDE_DEG`` that the head reaches.
-
-    The pan stops short of a whole turn, and the bundle records where a frame was really taken. ``GoalError`` of
-    the direction itself where none is reached.
-    """
-    try:
-        return joints_for(azimuth_deg, tilt_deg, base, head)
-    except GoalError:
-        for aside_deg in np.arange(0.5, ASIDE_DEG + 0.25, 0.5):
-            for side in (-1.0, 1.0):
-                try:
-                    return joints_for(azimuth_deg + side * float(aside_deg), tilt_deg, base, head)
-                except GoalError:
-                    continue
-        raise
-
-
-def in_sweep_order(
-    directions: Sequence[Direction], base: Attitude, head: Head, pan_deg: float
-) -> list[Direction]:
-    """The directions in one sweep of the pan, from the end that is nearer. ``GoalError`` for one out of reach."""
-    pans = {d.label: nearest_reachable_joints(d.azimuth_deg, 0.0, base, head).pan_deg for d in directions}
-    sweep = sorted(directions, key=lambda direction: pans[direction.label])
-    first, last = pans[sweep[0].label], pans[sweep[-1].label]
-    return sweep if abs(pan_deg - first) <= abs(pan_deg - last) else sweep[::-1]
-
-
-def take_view(
-    rig: Rig, joints: JointAngles, base_estimate: BaseEstimate, head: Head, seen: Sequence[Seen]
-) -> View:
-    """Move to joint angles, and read all that tells where the camera looks while it takes its pictures."""
-    camera = rig.config.camera
-    before = rig.pan_tilt.go_to(joints.pan_deg, joints.tilt_deg)
-    average_s = rig.config.inclinometer.average_s
-    levelling = rig.readers.submit(still_level, rig, average_s)
-    heading = rig.readers.submit(read_compass_during_picture, rig, average_s)
-    exposed_s = time.monotonic() + camera.exposure_settle_s
-    pictures = take_pictures(rig.camera, camera.frames_per_direction, exposed_s, joints, seen)
-    level, still_since_s = levelling.result()
-    if pictures.frames[0].not_before_s < still_since_s:  # the mast still swung
-        pictures = take_pictures(rig.camera, camera.frames_per_direction, still_since_s, joints, seen)
-    readings = heading.result()
-    after = rig.pan_tilt.state()
-    require_stood(before, after, "a frame was taken")
-    joints_seen = JointAngles((before.pan_deg + after.pan_deg) / 2, (before.tilt_deg + after.tilt_deg) / 2)
-    stop = stop_of(after.ticks, joints_seen, level, readings)
-    pointing = derive.pointing(base_estimate, joints_seen, level, head)
-    _compare_tilts(rig, base_estimate, joints_seen, level)
-    margin = rig.config.capture.skyline_margin_fraction
-    skyline = pictures.skyline
-    return View(
-        before,
-        after,
-        stop,
-        pictures.frames,
-        pictures.image_bgr,
-        pointing,
-        confident_fraction(skyline),
-        state_counts(skyline),
-        tilt_correction_deg(skyline, camera.fy_px, camera.height_px, margin),
-    )
-
-
-def _compare_tilts(rig: Rig, base_estimate: BaseEstimate, joints: JointAngles, level: HeadLevel) -> None:
-    """Note a tilt joint that disagrees with the inclinometer, which is the one that is believed.
-
-    ``DeviceError`` where they disagree by a factor.
-    """
-    measured_deg = level.tilt_deg - base_estimate.level.tilt_zero_deg
-    require_agreement(base_estimate.attitude, joints, measured_deg, rig.inclinometer.identify())
-    by_joints_deg = body_attitude(head_rotation(base_estimate.attitude, joints)).tilt_deg
-    if abs(measured_deg - by_joints_deg) > PLAY_DEG:
-        note_fault(
-            "tilt servo",
-            "stands more than 0.5 deg away from where the inclinometer finds the head: play in the gear",
-            "tilt taken from the inclinometer",
         )
 
 

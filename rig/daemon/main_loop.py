@@ -21,7 +21,8 @@ from rig.daemon.named_files import check_named_files
 from rig.daemon.notify import Notifier
 from rig.daemon.odometry.receiver import Odometer
 from rig.daemon.readiness import why_not_ready
-from rig.daemon.search.locate_loop import LocateLoop, restore
+from rig.daemon.search.answers import restore
+from rig.daemon.search.locate_loop import LocateLoop
 from rig.daemon.search.process import SearchProcess
 from rig.daemon.spool.store import ODOMETER, Spool, SpoolError
 from rig.daemon.state import DaemonState, Snapshot, TriggerSource

@@ -22,7 +22,8 @@ from rig.daemon.notify import Notifier
 from rig.daemon.odometry.receiver import Odometer, OdometryListener
 from rig.daemon.publishers import publish
 from rig.daemon.readiness import why_not_ready
-from rig.daemon.search.locate_loop import LocateLoop, restore
+from rig.daemon.search.answers import restore
+from rig.daemon.search.locate_loop import LocateLoop
 from rig.daemon.search.process import SearchProcess
 from rig.daemon.signals import Signals
 from rig.daemon.spool.store import ODOMETER, Spool

@@ -7,28 +7,29 @@ Pan is clockwise-positive seen from above, tilt up-positive; 0, 0 is where both 
 import logging
 import math
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Self
 
 from rig import event_bus
-from rig.config.keep_out import Zone, lies_in_a_zone, route
+from rig.config.keep_out import lies_in_a_zone, route
 from rig.devices.bus.deadline import Deadline
 from rig.devices.bus.retry import retry
 from rig.devices.bus.serial_port import SerialPort
 from rig.devices.dynamixel import control_table as table
 from rig.devices.dynamixel.protocol2 import StatusError
-from rig.devices.dynamixel.servo import Servo, ServoState, read_states, require_models
+from rig.devices.dynamixel.servo import Servo, ServoState
 from rig.devices.dynamixel.servo_bus import RefusedError, ServoBus
+from rig.devices.dynamixel.servo_group import read_states, require_models
+from rig.devices.pan_tilt_axis import TICK_DEG, Axis
+from rig.devices.pan_tilt_parameters import PanTiltParameters
 from rig.errors import DeviceError, GoalError, RigError, TransientError
 from rig.fault_notes import note_fault
 
 _log = logging.getLogger(__name__)
 
 _HEAD = "pan and tilt head"
-_TICK_DEG = 360.0 / table.TICKS_PER_TURN
 _POLL_S = 0.02
 _STILL_S = 0.2
 _STILL_TICKS = 1  # encoder noise
@@ -39,48 +40,6 @@ _COMMAND_LATENCY_S = 0.3  # from the reading of where a moving head is to its ne
 _PATH_TOLERANCE_DEG = (
     4.0  # beyond either end of a move: it overshoots, and is pulled when the torque comes on
 )
-
-
-class AxisParameters(Protocol):
-    """[pan_tilt.pan] and [pan_tilt.tilt] of the configuration."""
-
-    @property
-    def id(self) -> int: ...
-    @property
-    def model(self) -> str: ...
-    @property
-    def zero_tick(self) -> int: ...
-    @property
-    def direction(self) -> int: ...
-    @property
-    def min_deg(self) -> float: ...
-    @property
-    def max_deg(self) -> float: ...
-
-
-class PanTiltParameters(Protocol):
-    """[pan_tilt] of the configuration, as far as the head needs it; ``rig.config.model`` has checked the ranges."""
-
-    @property
-    def port(self) -> str: ...
-    @property
-    def baud(self) -> int: ...
-    @property
-    def velocity_deg_s(self) -> float: ...
-    @property
-    def acceleration_deg_s2(self) -> float: ...
-    @property
-    def bus_watchdog_ms(self) -> int: ...
-    @property
-    def settle_timeout_s(self) -> float: ...
-    @property
-    def take_up_deg(self) -> float: ...
-    @property
-    def pan(self) -> AxisParameters: ...
-    @property
-    def tilt(self) -> AxisParameters: ...
-    @property
-    def keep_out(self) -> Sequence[Zone]: ...
 
 
 class StoppedError(TransientError):
@@ -104,31 +63,6 @@ class HeadState:
     monotonic_s: float
 
 
-class _Axis:
-    """One servo with the angles that its ticks stand for."""
-
-    def __init__(self, name: str, bus: ServoBus, parameters: AxisParameters) -> None:
-        self.name = name
-        self.parameters = parameters
-        self.servo = Servo(bus, parameters.id, parameters.model, name)
-        self.min_tick, self.max_tick = sorted((self.tick(parameters.min_deg), self.tick(parameters.max_deg)))
-
-    def tick(self, angle_deg: float) -> int:
-        return self.parameters.zero_tick + round(self.parameters.direction * angle_deg / _TICK_DEG)
-
-    def angle_deg(self, tick: int) -> float:
-        return (tick - self.parameters.zero_tick) * self.parameters.direction * _TICK_DEG
-
-    def goal_tick(self, angle_deg: float) -> int:
-        low, high = self.parameters.min_deg, self.parameters.max_deg
-        if not math.isfinite(angle_deg) or not low <= angle_deg <= high:
-            raise GoalError(
-                f"{self.name} goal {angle_deg:g} deg is outside its limits {low:g} to {high:g} deg; "
-                f"ask for less or turn the vehicle ([pan_tilt.{self.name}] min_deg, max_deg)"
-            )
-        return self.tick(angle_deg)
-
-
 class PanTilt:
     """The head, connected and without torque. Use it as a context manager: leaving it switches the torque
     off.
@@ -145,8 +79,8 @@ class PanTilt:
         self._bus = ServoBus(SerialPort(parameters.port, parameters.baud))
         try:
             self._axes = (
-                _Axis("pan", self._bus, parameters.pan),
-                _Axis("tilt", self._bus, parameters.tilt),
+                Axis("pan", self._bus, parameters.pan),
+                Axis("tilt", self._bus, parameters.tilt),
             )
             self._servos = [axis.servo for axis in self._axes]
             self._firmware = self._check_servos()
@@ -182,7 +116,7 @@ class PanTilt:
                 )
         return firmware
 
-    def _configure(self, axis: _Axis) -> None:
+    def _configure(self, axis: Axis) -> None:
         speed = self._parameters.velocity_deg_s, self._parameters.acceleration_deg_s2
         retry(partial(axis.servo.clear_eeprom, self._firmware[axis.servo.servo_id]))
         retry(partial(axis.servo.configure, axis.min_tick, axis.max_tick, *speed))
@@ -237,7 +171,7 @@ class PanTilt:
         below = pan_deg - self._parameters.take_up_deg, tilt_deg
         low, high = self._limits_deg()
         straight = (
-            from_deg - _TICK_DEG > pan_deg > below[0] > low[0]
+            from_deg - TICK_DEG > pan_deg > below[0] > low[0]
             and len(route(below, stops[-1], self._parameters.keep_out, low, high)) == 1
         )
         return [*stops[:-1], below, stops[-1]] if straight else stops
@@ -299,7 +233,7 @@ class PanTilt:
                 raise StoppedError(servo.name, "its bus watchdog stopped it", remedy) from error
             raise
 
-    def _enable_torque(self, axis: _Axis) -> None:
+    def _enable_torque(self, axis: Axis) -> None:
         """Torque on and watchdog armed, with the configured speed, whatever happened since the last move."""
         servo = axis.servo
         torque = retry(partial(servo.read, "Torque Enable"))
@@ -421,7 +355,7 @@ class PanTilt:
             raise DeviceError(axis.servo.name, f"stopped {where}", "look for what blocks it")
 
     @staticmethod
-    def _require_power(axis: _Axis, where: str) -> None:
+    def _require_power(axis: Axis, where: str) -> None:
         """Raise ``StoppedError`` where a servo was stopped by its bus watchdog or has lost its torque."""
         if retry(axis.servo.bus_watchdog_tripped):
             raise StoppedError(

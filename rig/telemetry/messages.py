@@ -20,9 +20,9 @@ from rig import clock
 from rig.attitude.kinematics import Attitude, Head, JointAngles, body_rotation, camera_rotation, head_rotation
 from rig.capture.averaged_readings import AltitudeReading
 from rig.capture.base_attitude import BaseEstimate
-from rig.capture.sequence import View
+from rig.capture.view import View
 from rig.config.model import RigConfig
-from rig.devices.camera.driver import TimedFrame
+from rig.devices.camera.frames import TimedFrame
 from rig.devices.pan_tilt import HeadState
 from rig.devices.readings import AccelerationReading, FieldReading, HeadingReading, PressureReading
 from rig.event_bus import Step

@@ -20,7 +20,7 @@ from mcap.writer import Writer
 from localizer.os_errors import why_not_written
 from rig import event_bus
 from rig.config.model import RigConfig
-from rig.devices.camera.driver import TimedFrame
+from rig.devices.camera.frames import TimedFrame
 from rig.errors import RigError
 from rig.telemetry.messages import Message, messages_of, opening, time_ns
 

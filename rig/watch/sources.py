@@ -29,10 +29,12 @@ from rig.config.sections import (
 from rig.config.sections import Servo as ServoSection
 from rig.devices.bus.retry import retry
 from rig.devices.bus.serial_port import SerialPort
-from rig.devices.camera.driver import Camera, TimedFrame
+from rig.devices.camera.driver import Camera
+from rig.devices.camera.frames import TimedFrame
 from rig.devices.connect import open_altimeter, open_compass, open_inclinometer
-from rig.devices.dynamixel.servo import Servo, read_states, require_models
+from rig.devices.dynamixel.servo import Servo
 from rig.devices.dynamixel.servo_bus import ServoBus
+from rig.devices.dynamixel.servo_group import read_states, require_models
 from rig.devices.readings import FieldReading, HeadingReading
 from rig.errors import DeviceError, RigError
 

@@ -18,7 +18,8 @@ from rig.devices.connect import open_altimeter, open_compass, open_inclinometer,
 from rig.devices.readings import FieldReading
 from rig.devices.sensors.reconnecting import Sensor
 from sim.errors import SimulationError
-from sim.replay.playback import load_log, replayed
+from sim.replay.log_file import load_log
+from sim.replay.playback import replayed
 
 LOGS = sorted(Path(__file__).parent.glob("*.log"))
 FIRST = 2

@@ -49,7 +49,7 @@ from sim.errors import SimulationError
 from sim.evaluate.photos.source import read_json
 from sim.evaluate.scenario import load_evaluation_scenario
 from sim.faults.script import load_faults
-from sim.replay.playback import load_log
+from sim.replay.log_file import load_log
 from sim.world.scenario import load_scenario
 
 EXAMPLE = Path(__file__).parents[2] / "configs" / "vehicle.toml"

@@ -16,7 +16,7 @@ from localizer.dem.ground import map_metres
 from localizer.track.tracker import Tracker
 from rig.config.run import HttpServer
 from rig.daemon.http import serving
-from rig.daemon.search.locate_loop import restore
+from rig.daemon.search.answers import restore
 from rig.daemon.spool.store import Spool
 from rig.daemon.state import Answer, DaemonState
 from sim.commands.options import EMBEDDED_DEM

@@ -11,7 +11,7 @@ from localizer.skyline.find import CONFIDENT, ColumnState, Skyline, find_skyline
 from rig.attitude.kinematics import Attitude, Head, JointAngles, body_attitude, head_rotation, wrapped_deg
 from rig.calibrate.boresight.skyline_frame import SkylineFrame
 from rig.capture.base_attitude import BaseEstimate, Stop
-from rig.capture.sequence import View, aim_and_take, in_sweep_order, take_view
+from rig.capture.view import View, aim_and_take, in_sweep_order, take_view
 from rig.config.calibration_files import CalibrationError
 from rig.config.directions import Direction
 from rig.config.model import RigConfig

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from localizer.skyline.find import CONFIDENT, ColumnState, Skyline, find_skyline
-from rig.devices.camera.driver import Camera, TimedFrame, average
+from rig.devices.camera.driver import Camera
+from rig.devices.camera.frames import TimedFrame, average
 from rig.errors import DeviceError
 from rig.fault_notes import note_fault
 

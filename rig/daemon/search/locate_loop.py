@@ -1,29 +1,22 @@
 """Locates what waits in the spool, one bundle after the other, and puts the answers on the board."""
 
-import math
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import replace
-from datetime import UTC, datetime
 
 import structlog
 
-from localizer.fix import Fix
 from localizer.track.tracker import Tracker, TrackerError
-from rig.clock import Instant, utc_now
-from rig.daemon.boot import boot_id
-from rig.daemon.search.process import CaptureInfo, SearchFailedError, SearchProcess, SearchResult
+from rig.daemon.search.answers import answer_of, described
+from rig.daemon.search.process import SearchFailedError, SearchProcess
 from rig.daemon.spool.store import Entry, Spool, SpoolError
-from rig.daemon.state import Answer, DaemonState
+from rig.daemon.state import DaemonState
 
 _log = structlog.get_logger(__name__)
 
 IDLE_S = 1.0
 PAUSE_S = 10.0
 """After a failure that is not the bundle's."""
-LONG_AGO_S = 3600.0
-"""How old a bundle of an earlier run of the computer is taken to be where the wall clock says that it is yet to come."""
 
 
 class _StoppedError(Exception):
@@ -152,86 +145,3 @@ class LocateLoop:
         self._state.count("searches failed")
         self._state.emit("capture", stage="not located", bundle=entry.bundle, reason=reason, state=state)
         _log.error("search failed", bundle=entry.bundle, reason=reason, again=state == "waiting")
-
-
-def answer_of(entry: Entry, found: SearchResult, started: Instant | None = None) -> Answer:
-    """What the daemon, which has run since ``started``, publishes of a bundle's search."""
-    heading = vehicle_heading_deg(found)
-    captured = moment_of(found.capture_info, entry.boot)
-    return Answer(
-        bundle=entry.bundle,
-        captured=captured,
-        answered=Instant.now(),
-        trigger=entry.trigger,
-        fix=found.track.fix,
-        mode=found.track.mode,
-        hypotheses=found.track.hypotheses,
-        elsewhere=found.track.elsewhere,
-        altitude_m=found.altitude_m,
-        vehicle_heading_deg=heading[0] if heading else None,
-        vehicle_heading_sigma_deg=heading[1] if heading else None,
-        before_start=entry.boot != boot_id()
-        or (started is not None and captured.monotonic_s < started.monotonic_s),
-        wgs84_accuracy_m=found.wgs84_accuracy_m,
-    )
-
-
-def restored(answer: Answer, boot: str | None) -> Answer:
-    """An answer of the spool after a restart. ``boot``: the computer's run in which its bundle was captured."""
-    if boot == boot_id():
-        return replace(answer, before_start=True)
-    now = Instant.now()
-    captured = Instant(now.monotonic_s - _age_s(answer.captured.utc), answer.captured.utc)
-    answered = Instant(now.monotonic_s - _age_s(answer.answered.utc), answer.answered.utc)
-    return replace(answer, captured=captured, answered=answered, before_start=True)
-
-
-def restore(daemon_state: DaemonState, spool: Spool) -> None:
-    """Put on the board what the spool knows from before a restart, unless there is something of this run already.
-
-    Again after the wall clock has stepped: ages of another run of the computer go by it.
-    """
-    known = daemon_state.snapshot().last
-    if known is not None and not known.before_start:
-        return
-    last, last_fix = (answer and restored(*answer) for answer in spool.latest())
-    newest = last or last_fix  # the newest bundle's may be one that cannot be read
-    if newest is not None:
-        daemon_state.restore(newest, last_fix)
-
-
-def vehicle_heading_deg(found: SearchResult) -> tuple[float, float] | None:
-    """True heading of the vehicle's forward axis and its sigma: as measured, less the error that the search solved for."""
-    nuisance, capture_info = found.track.fix.nuisance, found.capture_info
-    if nuisance is None or found.azimuth_bias_sigma_deg is None or capture_info.heading_deg is None:
-        return None
-    sigma_deg = math.hypot(found.azimuth_bias_sigma_deg, *capture_info.mounting_sigmas_deg)
-    return (capture_info.heading_deg - nuisance.azimuth_bias_deg) % 360.0, min(sigma_deg, 180.0)
-
-
-def moment_of(capture_info: CaptureInfo, boot: str | None) -> Instant:
-    """When a bundle's last frame was taken. Of another run of the computer only the wall clock's time is known."""
-    utc, now = datetime.fromisoformat(capture_info.utc), Instant.now()
-    if boot == boot_id() and capture_info.monotonic_s is not None:
-        return Instant(capture_info.monotonic_s, utc)
-    return Instant(now.monotonic_s - _age_s(utc), utc)
-
-
-def _age_s(utc: datetime) -> float:
-    """By the wall clock: all that there is for another run of the computer, and nothing that makes a fix current."""
-    age_s = (utc_now() - (utc if utc.tzinfo else utc.replace(tzinfo=UTC))).total_seconds()
-    return age_s if age_s > 0.0 else LONG_AGO_S
-
-
-def described(answer: Answer) -> dict[str, object]:
-    """An answer as values for one line of the log."""
-    fix: Fix = answer.fix
-    values: dict[str, object] = {"status": fix.status, "mode": answer.mode}
-    if fix.position:
-        values |= {
-            "lat_deg": round(fix.position.lat_deg, 6),
-            "lon_deg": round(fix.position.lon_deg, 6),
-            "probability": round(fix.probability, 4),
-        }
-    values["seconds"] = round(sum(fix.timing_s.values()), 2)
-    return values

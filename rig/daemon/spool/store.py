@@ -17,16 +17,15 @@ import sqlite3
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Self
 
-from localizer.bundle import FILE_NAME, MOST_BYTES, BundleError, parse_bundle
-from localizer.documents import DocumentError, read_file
+from localizer.bundle import FILE_NAME
 from localizer.track.odometry import Movement
 from localizer.track.tracker import Tracker, TrackerError
 from rig.bundle.writer import MIN_FREE_BYTES
 from rig.daemon.boot import boot_id
+from rig.daemon.spool.bundle_folders import captured_at, remove, size_bytes_of
 from rig.daemon.spool.index import (
     ANSWER,
     SELECT,
@@ -207,7 +206,7 @@ class Spool:
 
     def set_answer(self, answer: Answer, tracker: Tracker) -> None:
         """Store what a bundle came to and the tracker's state after it, both or neither."""
-        size_bytes = _size_bytes(self.bundles_dir / answer.bundle)  # the search has put skylines beside it
+        size_bytes = size_bytes_of(self.bundles_dir / answer.bundle)  # the search has put skylines beside it
         with self._transaction() as db:
             db.execute(
                 "UPDATE bundles SET state = 'located', tries = tries + 1, reason = NULL, answer = ?, bytes = ? "
@@ -288,7 +287,7 @@ class Spool:
                 names = sorted(path.name for path in self.bundles_dir.iterdir())
                 for name in names:
                     if name.startswith("."):  # was being written or deleted
-                        _remove(self.bundles_dir / name)
+                        remove(self.bundles_dir / name)
             except OSError as error:
                 raise SpoolError(f"{self.bundles_dir}: {error.strerror}; look at its permissions") from error
             bundles = {
@@ -325,14 +324,14 @@ class Spool:
 
     def _take_in(self, db: sqlite3.Connection, name: str, intent: Mapping[str, Any]) -> None:
         folder = self.bundles_dir / name
-        captured = _captured(folder / FILE_NAME).isoformat()
+        captured = captured_at(folder / FILE_NAME).isoformat()
         trigger, boot, leg = intent.get("trigger", "found"), intent.get("boot"), intent.get("leg")
         db.execute(
             "INSERT INTO bundles (bundle, captured, trigger, boot, leg, bytes, state) "
             "VALUES (?, ?, ?, ?, ?, ?, 'waiting') "
             "ON CONFLICT (bundle) DO UPDATE SET here = 1, bytes = excluded.bytes, tries = 0, "
             "state = CASE WHEN answer IS NULL THEN 'waiting' ELSE 'located' END",
-            (name, captured, trigger, boot, json.dumps(leg) if leg else None, _size_bytes(folder)),
+            (name, captured, trigger, boot, json.dumps(leg) if leg else None, size_bytes_of(folder)),
         )
 
     def _delete(self, bundle: str) -> None:
@@ -340,7 +339,7 @@ class Spool:
         going = self.bundles_dir / f".{bundle}.removed"
         try:
             (self.bundles_dir / bundle).rename(going)
-            _remove(going)
+            remove(going)
         except OSError as error:
             raise SpoolError(f"{self.bundles_dir / bundle}: cannot be deleted: {error.strerror}") from error
         with self._transaction() as db:
@@ -387,28 +386,3 @@ def _remedy(error: sqlite3.Error) -> str:
         if words in str(error):
             return remedy
     return "look at the disk (dmesg)"
-
-
-def _remove(path: Path) -> None:
-    """A folder and all in it; of a link, or what somebody else has put there, only itself."""
-    if path.is_dir() and not path.is_symlink():
-        shutil.rmtree(path)
-    else:
-        path.unlink()
-
-
-def _captured(file: Path) -> datetime:
-    """When a bundle's last frame was taken, by what it says itself; of one that cannot be read, when it was written."""
-    try:
-        bundle = parse_bundle(read_file(file, MOST_BYTES), str(file))
-        return max(frame.time for frame in bundle.frames)
-    except (BundleError, DocumentError):
-        return datetime.fromtimestamp(file.stat().st_mtime, UTC)
-
-
-def _size_bytes(folder: Path) -> int:
-    """Of all files in it; 0 where it is gone."""
-    try:
-        return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
-    except FileNotFoundError:  # somebody deletes at this moment
-        return 0

@@ -11,9 +11,8 @@ import math
 import os
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass
 from functools import partial
 from types import TracebackType
 from typing import Any, Self
@@ -34,13 +33,12 @@ from rig.devices.camera.exposure import V4L2_AUTOMATIC as V4L2_AUTOMATIC
 from rig.devices.camera.exposure import V4L2_MANUAL as V4L2_MANUAL
 from rig.devices.camera.exposure import FixedControl, FixedControls
 from rig.devices.camera.exposure import LocalExposure as LocalExposure
+from rig.devices.camera.frames import Image, TimedFrame, is_newer
 from rig.devices.camera.http import UnusableUrlError, get
 from rig.devices.camera.source import Snapshots, gives_snapshots, is_http, why_not_opened
 from rig.devices.camera.v4l2_settings import V4l2Settings
 from rig.errors import DeviceError, TransientError
 from rig.fault_notes import note_fault
-
-Image = NDArray[np.uint8]
 
 BLOCKED_GRAB_S = 0.004
 """A grab that took longer found nothing to take, and waited: the frame that it returned came after it began."""
@@ -56,15 +54,6 @@ def _join_blocked_threads() -> None:
     """Python ends threads where they stand when a program ends, and OpenCV in one of them then aborts the whole program."""
     for thread, until_s in list(_blocked_threads.items()):
         thread.join(max(0.0, until_s - time.monotonic()))
-
-
-@dataclass(frozen=True)
-class TimedFrame:
-    """A frame (height, width, 3), BGR. It reached the computer between ``not_before_s`` (monotonic) and ``arrived``."""
-
-    image_bgr: Image
-    not_before_s: float
-    arrived: Instant
 
 
 class Camera:
@@ -161,7 +150,7 @@ class Camera:
         while len(frames) < count:
             last_s = frames[-1].arrived.monotonic_s if frames else -math.inf
             wait_s = max(0.0, monotonic_s - time.monotonic()) + self._section.read_timeout_s
-            frames.append(self._wait(partial(_is_newer, monotonic_s, last_s), wait_s, problem))
+            frames.append(self._wait(partial(is_newer, monotonic_s, last_s), wait_s, problem))
         return frames
 
     def frame_after(self, monotonic_s: float) -> TimedFrame:
@@ -358,13 +347,3 @@ class Camera:
                 "set the camera to that size, or [camera] to a calibration of this one",
             )
         return np.asarray(image, np.uint8)
-
-
-def average(frames: Sequence[TimedFrame]) -> Image:
-    """The mean of frames of the same view, rounded to nearest: noise falls with the root of their number."""
-    mean = np.mean([frame.image_bgr for frame in frames], axis=0, dtype=np.float32)
-    return np.rint(mean).astype(np.uint8)
-
-
-def _is_newer(not_before_s: float, last_s: float, frame: TimedFrame) -> bool:
-    return frame.not_before_s >= not_before_s and frame.arrived.monotonic_s > last_s

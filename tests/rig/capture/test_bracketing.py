@@ -12,7 +12,8 @@ from localizer.skyline.find import find_skyline
 from rig.capture.pictures.bracketing import BURNT_LIMIT, Pictures, bracketed, burnt_share, pictures_of
 from rig.clock import Instant
 from rig.config.sections import CameraSection
-from rig.devices.camera.driver import V4L2_AUTOMATIC, V4L2_MANUAL, Camera, LocalExposure, TimedFrame
+from rig.devices.camera.driver import V4L2_AUTOMATIC, V4L2_MANUAL, Camera, LocalExposure
+from rig.devices.camera.frames import TimedFrame
 from rig.errors import TransientError
 from rig.fault_notes import collecting
 from sim.devices.camera_stream import CameraStream

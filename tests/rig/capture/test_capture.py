@@ -15,7 +15,8 @@ from fakes.whole_rig import HEIGHT_PX, FakeRig, RunningRig, running_rig
 from localizer.bundle import load_bundle
 from localizer.skyline.find import ColumnState, Skyline, find_skyline
 from rig.attitude.kinematics import Attitude, Head, JointAngles, camera_pointing, wrapped_deg
-from rig.capture.sequence import CaptureError, capture, in_sweep_order
+from rig.capture.sequence import CaptureError, capture
+from rig.capture.view import in_sweep_order
 from rig.config.directions import parse_directions
 from rig.errors import DeviceError, GoalError, LostPortError
 

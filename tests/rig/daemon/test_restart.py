@@ -22,8 +22,8 @@ from rig.daemon.http.app import make_app
 from rig.daemon.http.event_streams import EventStreams
 from rig.daemon.http.map import ReliefMap
 from rig.daemon.publish.published import current_fix, expiry_reason, newest_answer
-from rig.daemon.search.locate_loop import answer_of as found_answer
-from rig.daemon.search.locate_loop import restore
+from rig.daemon.search.answers import answer_of as found_answer
+from rig.daemon.search.answers import restore
 from rig.daemon.search.process import CaptureInfo, SearchResult
 from rig.daemon.spool.index import Entry
 from rig.daemon.spool.store import Spool

@@ -15,7 +15,8 @@ from localizer.fix import Fix, Nuisance
 from localizer.track.document import TrackLine
 from localizer.track.tracker import Tracker
 from rig.daemon.boot import boot_id
-from rig.daemon.search.locate_loop import LocateLoop, moment_of, vehicle_heading_deg
+from rig.daemon.search.answers import moment_of, vehicle_heading_deg
+from rig.daemon.search.locate_loop import LocateLoop
 from rig.daemon.search.process import CaptureInfo, SearchFailedError, SearchProcess, SearchResult
 from rig.daemon.spool.store import Spool
 from rig.daemon.state import DaemonState

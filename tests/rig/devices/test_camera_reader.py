@@ -12,7 +12,8 @@ from fakes.mjpeg_camera import mjpeg_server
 
 from rig.clock import Instant
 from rig.config.sections import CameraSection
-from rig.devices.camera.driver import Camera, TimedFrame, average
+from rig.devices.camera.driver import Camera
+from rig.devices.camera.frames import TimedFrame, average
 from rig.errors import DeviceError
 
 LIFE = time.monotonic()

@@ -8,8 +8,9 @@ from fakes.servos import GOAL, POSITION, TORQUE, FakeServo, FakeServoBus, status
 
 from rig.devices.bus.serial_port import SerialPort
 from rig.devices.dynamixel import control_table as table
-from rig.devices.dynamixel.servo import Servo, read_states, require_models
+from rig.devices.dynamixel.servo import Servo
 from rig.devices.dynamixel.servo_bus import RefusedError, ServoBus
+from rig.devices.dynamixel.servo_group import read_states, require_models
 from rig.errors import TransientError, WrongDeviceError
 
 

@@ -20,7 +20,8 @@ from rig.devices.wire_log import recording_wire_log
 from sim.commands.cli import sim
 from sim.devices.dynamixel_packet import Instruction, packet
 from sim.replay.devices import ReplayedChip, ReplayedServos, whole_lines
-from sim.replay.playback import load_log, replaying
+from sim.replay.log_file import load_log
+from sim.replay.playback import replaying
 from sim.replay.response_lookup import RecordedExchange, ResponseLookup, epoch_heard
 
 LOGS = sorted((Path(__file__).parents[2] / "logs").glob("*.log"))
