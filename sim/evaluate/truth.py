@@ -9,12 +9,13 @@ from scipy import ndimage
 
 from sim.evaluate.scenario import DemError, EvaluationScenario
 from sim.paper.observations import aimed_tilt_deg, half_view_deg
+from sim.world.draw_place import draw_place
+from sim.world.draw_rig import random_generator
 from sim.world.mechanics import Attitude, Rotation, camera_in_world
 from sim.world.scenario import Scenario
 from sim.world.scenario import Vehicle as RigVehicle
 from sim.world.surface import Observer, Surface
 from sim.world.terrain import Terrain
-from sim.world.truth import draw_place, random_generator
 
 Array = NDArray[np.float64]
 Generators = Callable[[str], np.random.Generator]

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from sim.errors import SimulationError
 from sim.evaluate.scenario import DemError, EvaluationScenario, Twins
 from sim.evaluate.truth import Generators, with_errors
+from sim.world.draw_place import draw_place
 from sim.world.scenario import Scenario
 from sim.world.scenario import Vehicle as RigVehicle
 from sim.world.surface import Observer, Surface
 from sim.world.terrain import Terrain
-from sim.world.truth import draw_place
 
 Array = NDArray[np.float64]
 

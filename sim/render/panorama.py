@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from sim.render.ground import ground_radiance, prepare_ground
 from sim.render.noise_texture import noise_texture
 from sim.render.sky import SKY_STEP_DEG, air_light, daylight, sky_picture, toned
-from sim.world.surface import (
+from sim.world.lines_of_sight import (
     MAX_CROSSINGS,
     chunk_ceiling,
     piece_maximum,
@@ -25,8 +25,8 @@ from sim.world.surface import (
     ray_position,
     tangent_bound,
     trace_chunk,
-    track_of,
 )
+from sim.world.surface import track_of
 from sim.world.truth import World
 
 Array = NDArray[np.float64]

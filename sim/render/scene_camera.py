@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from sim.render.panorama import render_panorama
 from sim.render.renderer import Renderer
-from sim.world.truth import Standpoint, Vehicle, World
+from sim.world.true_values import Standpoint, Vehicle
+from sim.world.truth import World
 
 Picture = Callable[[NDArray[np.float64], np.random.Generator], NDArray[np.uint8]]
 

@@ -11,7 +11,7 @@ from numba import njit, prange
 from numpy.typing import NDArray
 
 from sim.render.noise_texture import WAVELENGTH, noise_at
-from sim.world.truth import Air
+from sim.world.true_values import Air
 
 Array = NDArray[np.float64]
 

@@ -9,8 +9,9 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
+from sim.world.lines_of_sight import MAX_CROSSINGS, horizon_tangent
 from sim.world.scenario import CameraOptics
-from sim.world.surface import MAX_CROSSINGS, Observer, Surface, horizon_tangent, track_of
+from sim.world.surface import Observer, Surface, track_of
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from sim.errors import SimulationError
 from sim.world.scenario import Scenario
-from sim.world.truth import Air, World
+from sim.world.true_values import Air
+from sim.world.truth import World
 
 WriteDem = Callable[..., Path]
 
