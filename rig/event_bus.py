@@ -1,6 +1,6 @@
-"""What happens in a session, for whoever records it: readings, states, frames and steps, as the objects that they are.
+"""Event bus of a session: readings, states, frames and steps, published as the objects that they are.
 
-Whoever has one calls ``publish``; it costs next to nothing where nobody listens.
+``publish`` costs next to nothing without subscribers.
 """
 
 from collections.abc import Callable
@@ -14,7 +14,7 @@ _listeners: list[Listener] = []
 
 @dataclass(frozen=True)
 class Step:
-    """A step of a session that has begun or is done, or a fault, in a sentence."""
+    """A step of a session that began or ended, or a fault, in one sentence."""
 
     level: Literal["info", "warning", "error"]
     source: str
@@ -22,16 +22,16 @@ class Step:
 
 
 def subscribe(listener: Listener) -> None:
-    """Have ``listener`` called with each object, in the thread that publishes it: it must be quick."""
+    """Call ``listener`` with each published object, in the publishing thread: it must return quickly."""
     _listeners.append(listener)
 
 
 def unsubscribe(listener: Listener) -> None:
-    """End that."""
+    """Undo ``subscribe``."""
     _listeners.remove(listener)
 
 
 def publish(item: object) -> None:
-    """Tell the listeners."""
+    """Call all subscribers."""
     for listener in list(_listeners):
         listener(item)

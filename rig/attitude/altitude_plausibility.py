@@ -1,6 +1,6 @@
-"""Whether an altitude can be: against the place, the elevation model, and the reference of the barometer.
+"""Plausibility of an altitude: against [place], the elevation model, and the reference of the barometer.
 
-A chip that answers like another one, a pressure in another unit or a wrong reference gives a number that looks like any other.
+A wrong but compatible chip, a pressure in another unit or a wrong reference gives a value that looks normal.
 """
 
 from collections.abc import Iterable
@@ -17,18 +17,20 @@ if TYPE_CHECKING:
     from localizer.dem.lattice import Dem
 
 MAX_FROM_PLACE_M = 3500.0
-"""From [place] altitude_m, which is good for a hundred kilometres. Half or twice the pressure is 4,900 m or more."""
+"""Allowed distance from [place] altitude_m, which is valid within some hundred kilometres. A pressure wrong by a factor
+of two is 4,900 m or more.
+"""
 
 MAX_BEYOND_DEM_M = 300.0
-"""Weather since the reference (150 m) and a vertical datum of its own (110 m) are less."""
+"""Weather since the reference (150 m) and a different vertical datum (110 m) are less."""
 
 LOOKALIKE_CHIPS = {"ms5611": "ms5607", "ms5607": "ms5611"}
-"""Barometers that answer the same and mean another pressure."""
+"""Barometers with the same commands and a different conversion to pressure."""
 
 
 @dataclass(frozen=True)
 class AltitudeBounds:
-    """Lowest and highest altitude that can be, and whose word that is."""
+    """Lowest and highest plausible altitude, and the source of these bounds."""
 
     low_m: float
     high_m: float
@@ -36,8 +38,8 @@ class AltitudeBounds:
 
 
 def altitude_bounds(config: RigConfig, dem: "Dem | None" = None) -> tuple[AltitudeBounds, ...]:
-    """Bounds from the elevation model, from [place] if it has an altitude, and, if not, from the barometer's reference for a chip
-    of ``LOOKALIKE_CHIPS``.
+    """Bounds from the elevation model, from [place] if it has an altitude, and, if not, from the barometer's reference
+    for one of ``LOOKALIKE_CHIPS``.
     """
     bounds = []
     if dem is not None:
@@ -59,7 +61,7 @@ def altitude_bounds(config: RigConfig, dem: "Dem | None" = None) -> tuple[Altitu
 
 
 def bounds_by_reference(section: AltimeterSection) -> list[AltitudeBounds]:
-    """By the reference, for a chip of ``LOOKALIKE_CHIPS``: where nobody else says how high the rig stands."""
+    """Bounds from the reference, for one of ``LOOKALIKE_CHIPS``, if nothing else tells the altitude."""
     if section.kind not in LOOKALIKE_CHIPS:
         return []
     at_m = section.reference_altitude_m
@@ -78,7 +80,7 @@ def require_plausible_altitude(
     device: str,
     bounds: Iterable[AltitudeBounds],
 ) -> None:
-    """Raise ``DeviceError`` where an altitude lies beyond one of the bounds."""
+    """Raise ``DeviceError`` if an altitude lies outside one of the bounds."""
     for bound in bounds:
         if bound.low_m <= altitude_m <= bound.high_m:
             continue
