@@ -1,7 +1,8 @@
-"""Bundles in one archive file, to carry home and to hand on: written beside its name, read back, and renamed.
+"""Writes bundles into one archive file: under a temporary name, read back, then renamed.
 
-A .tar (pictures are compressed already), .tar.gz or .zip with a folder for each bundle, named by its id, ``index.csv`` with a
-row for each frame, and ``SHA256SUMS`` of every file, so that ``sha256sum -c SHA256SUMS`` checks it without this program.
+The archive is a .tar (pictures are already compressed), .tar.gz or .zip. It has a folder for each bundle, named by its
+id, ``index.csv`` with a row for each frame, and ``SHA256SUMS`` of all files, so that ``sha256sum -c SHA256SUMS`` checks
+it without this program.
 """
 
 import csv
@@ -38,15 +39,15 @@ class _Writer(Protocol):
 
 
 def is_archive(path: Path) -> bool:
-    """Whether a path is to be taken for an archive: a file, named as one."""
+    """Whether a path is an archive: a file with an archive's suffix."""
     return path.name.lower().endswith(SUFFIXES) and not path.is_dir()
 
 
 def write_archive(path: Path, bundles: Sequence[Bundle]) -> None:
-    """Write whole bundles into a new archive and check what has been written, to the last byte.
+    """Write bundles into a new archive, then read it back to the last byte and compare.
 
-    ``ArchiveError`` where the name says no format or is taken, two bundles have one id, the disk refuses, or what can be read
-    back is not what went in; nothing is left behind then.
+    ``ArchiveError`` if the name has no known suffix or exists, two bundles have the same id, the disk refuses, or the
+    archive read back differs. Nothing is left behind then.
     """
     if not path.name.lower().endswith(SUFFIXES):
         raise ArchiveError(f"{path}: no archive format; name it {', '.join(SUFFIXES)}")

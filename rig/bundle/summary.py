@@ -1,4 +1,4 @@
-"""What a bundle holds, in a few JSON values: for lists, records of series, and tables."""
+"""Summary of a bundle in a few JSON values: for lists, series journals and tables."""
 
 import os
 import re
@@ -34,7 +34,7 @@ TABLE_COLUMNS = (
 
 
 def bundles_in(folder: Path) -> list[Path]:
-    """The bundles in a folder and in folders below it, by their names and so by their times; ``folder`` may be one."""
+    """The bundles in a folder and its subfolders, ordered by name and so by time. ``folder`` may itself be a bundle."""
     return sorted(_bundles_below(folder), key=lambda path: (path.name, path))
 
 
@@ -48,7 +48,9 @@ def _bundles_below(folder: Path) -> Iterator[Path]:
 
 
 def bundle_summary(bundle: Bundle) -> JsonObject:
-    """A bundle in a few JSON values. What its writer left to itself is taken as far as it is what ``rig`` writes."""
+    """A bundle in a few JSON values. Fields that the contract leaves to the writer are used if they are as ``rig``
+    writes them.
+    """
     raw, calibration = extra_of(bundle, "raw"), extra_of(bundle, "calibration")
     files = calibration.get("files")
     return {
@@ -69,7 +71,7 @@ def bundle_summary(bundle: Bundle) -> JsonObject:
 
 
 def readings(bundle: Bundle) -> JsonObject:
-    """How vehicle and camera stood, each angle by its name; what the bundle's writer did not record is absent."""
+    """Attitude of vehicle and camera, each angle by its name; what the bundle's writer did not record is absent."""
     calibration = extra_of(bundle, "calibration")
     found: JsonObject = {
         "altitude_m": bundle.altitude.value_m if bundle.altitude else None,
@@ -91,7 +93,7 @@ def readings(bundle: Bundle) -> JsonObject:
 
 
 def skyline_share(frame: Frame) -> float | None:
-    """Share of the columns in which the capture saw a skyline."""
+    """Share of the image columns in which the capture found a skyline."""
     return _number(_at(extra_of(frame, "raw"), "skyline", "share"))
 
 
@@ -125,7 +127,7 @@ def _frame(frame: Frame) -> JsonObject:
 
 
 def _series(raw: Mapping[str, Any]) -> JsonObject | None:
-    """The series that a bundle belongs to."""
+    """The series that the bundle belongs to, if any."""
     name, number = _text(_at(raw, "series", "id")), _at(raw, "series", "number")
     if name is None or isinstance(number, bool) or not isinstance(number, int):
         return None
@@ -133,7 +135,7 @@ def _series(raw: Mapping[str, Any]) -> JsonObject | None:
 
 
 def _faults(raw: Mapping[str, Any]) -> list[JsonObject]:
-    """Faults that were overcome, as ``rig.fault_notes`` notes them."""
+    """Recovered faults, as ``rig.fault_notes`` records them."""
     noted = raw.get("faults")
     return [
         {**fault, **{key: _text(fault[key]) for key in ("device", "problem", "action")}}
@@ -145,7 +147,7 @@ def _faults(raw: Mapping[str, Any]) -> list[JsonObject]:
 
 
 def _at(value: object, *keys: str) -> object:
-    """What lies below these keys; None where there is no such thing."""
+    """The value at a path of keys; None if there is none."""
     for key in keys:
         value = value.get(key) if isinstance(value, Mapping) else None
     return value
@@ -162,23 +164,23 @@ def _numbers(value: object) -> list[float] | None:
 
 
 def _text(value: object) -> str | None:
-    """In printable letters: a terminal obeys others."""
+    """Printable characters only: a terminal would act on control characters."""
     if not isinstance(value, str):
         return None
     return "".join(letter if letter.isprintable() else " " for letter in value)
 
 
 def extra_of(part: Bundle | Frame, name: str) -> Mapping[str, Any]:
-    """What the contract leaves to the writer; other writers may leave it out."""
+    """Fields that the contract leaves to the writer; other writers may omit them."""
     value = (part.model_extra or {}).get(name)
     return value if isinstance(value, Mapping) else {}
 
 
 def times_text(count: int) -> str:
-    """In words."""
+    """ "once", "twice", "3 times", ..."""
     return "once" if count == 1 else f"{count} times"
 
 
 def to_the_second(time: str) -> str:
-    """A time in ISO 8601 without its fraction of a second, for people."""
+    """An ISO 8601 time without the fraction of a second, for display."""
     return re.sub(r"\.\d+", "", time)

@@ -1,7 +1,7 @@
-"""Archives of bundles read: streamed, within limits, checked to the last byte before anything is put in its place.
+"""Reads archives of bundles: streamed, within limits, and checked to the last byte before anything is moved into place.
 
-An archive comes from anywhere. What is in it decides neither where files go nor how much of memory, disk and time they take:
-names are checked before they are used, only what a bundle lists is kept, and nothing follows a link.
+An archive is untrusted input. It must not decide where files go, nor how much memory, disk and time they take: names
+are checked before use, only files that a bundle lists are kept, and links are not followed.
 """
 
 import fcntl
@@ -43,7 +43,7 @@ _DAMAGED = (
     NotImplementedError,
     RecursionError,  # of headers that announce headers
 )
-"""What the libraries raise on content that is not what they expect."""
+"""Exceptions of the libraries on malformed content."""
 
 
 def bundles_of_archive(
@@ -53,13 +53,15 @@ def bundles_of_archive(
     folder: Path | None = None,
     on_unlisted: Callable[[str], None] = lambda name: None,
 ) -> Iterator[Bundle]:
-    """The bundles of an archive, each unpacked and checked: into ``folder``, by default one that goes when the next comes.
+    """The bundles of an archive, each unpacked and checked: into ``folder``, by default a temporary one that is removed
+    before the next.
 
-    Every file is held against ``expected`` (checksums by name), by default against those in the archive, after the last
-    bundle: only then all of them are known to be whole. ``on_unlisted`` hears of files that no bundle lists; they are not kept.
+    Every file is compared with ``expected`` (checksums by name), by default with those in the archive. That comparison
+    completes after the last bundle: only then all are known to be intact. ``on_unlisted`` is called with files that no
+    bundle lists; they are not kept.
 
-    ``ArchiveError`` where it is no archive, is cut off or more than it may be, or a checksum is wrong; ``BundleError`` for a
-    bundle that is not valid.
+    ``ArchiveError`` if it is no archive, truncated, beyond a limit, or a checksum is wrong; ``BundleError`` for an
+    invalid bundle.
     """
     with ExitStack() as stack:
         stays = folder is not None
@@ -70,7 +72,7 @@ def bundles_of_archive(
         except ArchiveError as error:
             raise ArchiveError(f"{path}: {error}") from error
         except BundleError as error:
-            # The folder is gone when this is read.
+            # The folder no longer exists when the message is read.
             raise BundleError(f"{path}: {str(error).removeprefix(f'{folder}/')}") from error
 
 
@@ -115,7 +117,7 @@ def _bundles(
 
 
 def _whole(folder: Path, on_unlisted: Callable[[str], None]) -> Bundle:
-    """The bundle in a folder of ours, without what it does not list."""
+    """The bundle in a folder of ours, after removing files that it does not list."""
     bundle = load_bundle(folder)
     if bundle.id != folder.name:
         raise ArchiveError(f"its folder {folder.name} holds the bundle {bundle.id}; both must have one name")
@@ -133,10 +135,11 @@ def _whole(folder: Path, on_unlisted: Callable[[str], None]) -> Bundle:
 def unpack_archive(
     path: Path, out_dir: Path, on_unlisted: Callable[[str], None] = lambda name: None
 ) -> list[tuple[Path, bool]]:
-    """Put an archive's bundles into a folder: where each is, and whether it came now or was there already, the same.
+    """Import an archive's bundles into a folder; for each its directory, and whether it is new or was already there,
+    identical.
 
-    All of them or none: everything is unpacked beside, checked and brought to the disk before the first is renamed into its
-    place. ``ArchiveError`` where another bundle, or a link, has its name.
+    All or none: everything is unpacked to a staging folder, checked and fsynced before the first rename.
+    ``ArchiveError`` if a different bundle, or a link, has one of the names.
     """
     try:
         with _made(out_dir), _staging(out_dir) as staging:
@@ -155,7 +158,7 @@ def unpack_archive(
 
 
 def _is_free(place: Path, bundle: Bundle) -> bool:
-    """Whether a bundle can go there; False where it is there already, the same."""
+    """Whether the destination is free; False if the identical bundle is already there."""
     if place.is_symlink():
         raise ArchiveError(
             f"{place}: is a link, which is not followed; take it away, or choose another --out"
@@ -168,7 +171,7 @@ def _is_free(place: Path, bundle: Bundle) -> bool:
 
 
 def _put(staging: Path, places: list[Path]) -> None:
-    """Rename all into their places; where that is interrupted, all back."""
+    """Rename all into place; if that is interrupted, rename all back."""
     done: list[Path] = []
     try:
         for place in places:
@@ -183,7 +186,7 @@ def _put(staging: Path, places: list[Path]) -> None:
 
 @contextmanager
 def _made(folder: Path) -> Iterator[None]:
-    """The folder, there as long as the context lasts and after it; where that fails, what was made is taken away."""
+    """The folder, made if missing; if the context fails, what was made is removed."""
     new: list[Path] = []
     path = folder
     while not path.exists():
@@ -201,7 +204,7 @@ def _made(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def _staging(out_dir: Path) -> Iterator[Path]:
-    """A new folder beside the bundles, locked while it is used: one that nobody has locked was left by a crash, and goes."""
+    """A new staging folder beside the bundles, locked while in use. Unlocked ones, left by a crash, are removed."""
     for left in out_dir.glob(f"{STAGING}*"):
         if left.is_dir() and not left.is_symlink():
             with _locked(left) as is_ours:
@@ -217,7 +220,7 @@ def _staging(out_dir: Path) -> Iterator[Path]:
 
 @contextmanager
 def _locked(folder: Path) -> Iterator[bool]:
-    """Hold a folder's lock; False where another process has it, or the disk knows no locks (NFS, FUSE)."""
+    """Lock a folder; False if another process holds the lock, or the file system has no locks (NFS, FUSE)."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
     try:
         try:
@@ -231,7 +234,7 @@ def _locked(folder: Path) -> Iterator[bool]:
 
 
 def _written(folder: Path, name: str, stream: IO[bytes], size: int) -> str:
-    """Write a member; its checksum."""
+    """Write a member and return its checksum."""
     if shutil.disk_usage(folder).free < size + MIN_FREE_BYTES:
         raise ArchiveError(f"there is no room in {folder.parent} to unpack it; make some")
     file = folder / name
@@ -244,7 +247,7 @@ def _written(folder: Path, name: str, stream: IO[bytes], size: int) -> str:
 
 
 def _copied(stream: IO[bytes], out: IO[bytes] | None, kept_bytes: int) -> tuple[str, bytes]:
-    """Read a member to its end, into ``out`` where there is one; its checksum and the first ``kept_bytes`` of it."""
+    """Read a member to its end, into ``out`` if given; its checksum and its first ``kept_bytes``."""
     digest, kept = hashlib.sha256(), b""
     while chunk := _chunk(stream):
         digest.update(chunk)
@@ -262,7 +265,7 @@ def _chunk(stream: IO[bytes]) -> bytes:
 
 @contextmanager
 def _damage_named() -> Iterator[None]:
-    """While an archive is read: what is wrong with it as ``ArchiveError``."""
+    """Convert the libraries' exceptions to ``ArchiveError`` while an archive is read."""
     try:
         yield
     except _DAMAGED as error:
@@ -282,7 +285,9 @@ def _parsed_sums(content: bytes) -> dict[str, str]:
 
 
 def _members(path: Path) -> Iterator[tuple[str, IO[bytes], int]]:
-    """Names, contents and sizes of an archive's files, in order; a content is to be read before the next is asked for."""
+    """Names, contents and sizes of an archive's files, in order; each content must be read before the next is
+    requested.
+    """
     with (
         _damage_named(),
         os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file,

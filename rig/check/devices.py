@@ -1,4 +1,4 @@
-"""Is every device there, the right one, and measuring? Nothing moves."""
+"""``rig check``: connects to every device, checks identity, readings and noise. Nothing moves."""
 
 import math
 import time
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
 LEVEL_NOISE_LIMIT_DEG = 0.005
 SERVO_NOISE_LIMIT_DEG = 0.3
-"""The encoder's is one tick, 0.09: more, and the head moves."""
+"""The encoder's noise is one tick, 0.09 deg; more means that the head moves."""
 PRESSURE_NOISE_LIMIT_HPA = 0.3
 """2.5 m of altitude."""
 CAMERA_NOISE_LIMIT = 20.0
@@ -58,9 +58,9 @@ DARK, BRIGHT = 3.0, 252.0
 
 
 def check_devices(config: RigConfig, dem: "Dem | None" = None) -> list[DeviceCheck]:
-    """Connect to every configured device, all at once, and read it. A failure is in its row, not raised.
+    """Connect to all configured devices in parallel and read them. A failure is reported in the result, not raised.
 
-    An altitude that the ground of ``dem`` cannot have is one.
+    An altitude that is impossible over ``dem`` is a failure.
     """
     checks: list[tuple[str, Callable[[], DeviceCheck]]] = [
         ("pan and tilt", partial(check_pan_tilt, config.pan_tilt)),
@@ -76,7 +76,7 @@ def check_devices(config: RigConfig, dem: "Dem | None" = None) -> list[DeviceChe
 
 
 def check_clock() -> list[DeviceCheck]:
-    """The computer's clock, where it cannot be right or is beyond what the magnetic model knows; nothing where it is well."""
+    """The computer's clock: a result if it is implausible or outside the magnetic model's validity, else none."""
     now = wall_clock()
     wrong = clock_problem(now) or date_problem(now)
     if wrong is None:
@@ -88,8 +88,8 @@ def check_clock() -> list[DeviceCheck]:
 def check_all(
     config: RigConfig, dem: "Dem | None" = None, dem_paths: Sequence[Path] = ()
 ) -> list[DeviceCheck]:
-    """``check_devices`` against the ground of ``dem``, or of the files, or of what [run] searches. Files that cannot be read
-    are a row of their own.
+    """``check_devices`` with the ground of ``dem``, of the given files, or of the DEM in [run]. Unreadable files give a
+    result of their own.
     """
     from localizer.dem.choice import DemChoice
 
@@ -104,7 +104,7 @@ def check_all(
 
 
 def check_pan_tilt(section: PanTiltSection) -> DeviceCheck:
-    """The servos, without torque."""
+    """The servos, torque off."""
     try:
         head = open_pan_tilt(section)
     except TransientError as error:
@@ -164,7 +164,7 @@ def _turned_by_hand(head: PanTilt, state: HeadState) -> list[str]:
 
 
 def check_inclinometer(section: InclinometerSection) -> DeviceCheck:
-    """One reading as a capture takes it."""
+    """One reading, averaged as in a capture."""
     with closing(open_inclinometer(section)) as chip:
         level, _, _ = read_level(chip, section, section.average_s)
         temperature_c = retry(partial(chip.read_many, 0.0))[-1].temperature_c
@@ -190,7 +190,7 @@ def check_inclinometer(section: InclinometerSection) -> DeviceCheck:
 
 
 def check_compass(section: CompassSection, place: Place | None = None) -> DeviceCheck:
-    """Field or heading over half a second; of a talker also whether a true heading can be had from what it sends."""
+    """Field or heading over half a second; for a talker also whether a true heading can be derived from what it sends."""
     with closing(open_compass(section)) as compass:
         readings = retry(partial(compass.read_many, READING_S))
         fields = [reading for reading in readings if isinstance(reading, FieldReading)]
@@ -205,7 +205,7 @@ def check_compass(section: CompassSection, place: Place | None = None) -> Device
 
 
 def check_altimeter(section: AltimeterSection, bounds: Sequence[AltitudeBounds] | None = None) -> DeviceCheck:
-    """Pressure, and the altitude that it means, which has to lie within ``bounds``."""
+    """Pressure and the derived altitude, which must lie within ``bounds``."""
     with closing(open_altimeter(section)) as barometer:
         with collecting() as faults:
             altitude = read_altitude(barometer, section, bounds)
@@ -234,7 +234,7 @@ def check_altimeter(section: AltimeterSection, bounds: Sequence[AltitudeBounds] 
 
 
 def check_camera(section: CameraSection) -> DeviceCheck:
-    """Size, rate and light."""
+    """Image size, frame rate and brightness."""
     with Camera(section) as camera:
         camera.wait_open()
         frames = camera.frames_after(time.monotonic() + section.exposure_settle_s, 3)

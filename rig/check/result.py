@@ -1,4 +1,4 @@
-"""What ``rig check`` says of one device."""
+"""The result of ``rig check`` for one device."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -8,10 +8,11 @@ Values = Mapping[str, float | str | None]
 
 @dataclass(frozen=True)
 class DeviceCheck:
-    """What one device said. ``problem`` is None where all is well; volts and temperatures may be several, or none.
+    """The result for one device. ``problem`` is None if it works; ``volts`` and ``temperatures_c`` may hold several
+    values or none.
 
-    ``values`` are reading and noise as numbers, with their units in the names; ``hints``, what could be better and does not
-    make the device unfit.
+    ``values`` holds reading and noise as numbers with units in their names. ``hints`` are improvements that are not
+    failures.
     """
 
     device: str

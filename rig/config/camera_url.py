@@ -1,4 +1,4 @@
-"""A camera's address as it may be shown: without what is secret in it."""
+"""Removes user, password and tokens from camera addresses before they are shown."""
 
 import re
 
@@ -33,7 +33,7 @@ def _without_user(rest: str) -> str:
 
 
 def without_secrets(message: str, *sources: object) -> str:
-    """A message of somebody else's with the sources in it, and the words before their hosts, as ``shown`` has them."""
+    """A library's message with the sources in it, and credentials before their hosts, as ``shown`` gives them."""
     for source in sources:
         text = str(source)
         if "//" not in text:

@@ -1,4 +1,4 @@
-"""Two keys of a configuration that want the same thing for themselves: a port, a chip, a listening address, a file."""
+"""Detects configuration keys that claim the same port, chip, listening address or file."""
 
 import os
 import re
@@ -16,7 +16,7 @@ _ANY_HOST = ("", "0.0.0.0", "::", "*")
 
 
 class _Claim(NamedTuple):
-    """What a key wants: ``what`` is the same for the same thing; ``shown`` is how the file has it."""
+    """A resource claimed by a key: ``what`` is equal for the same resource, ``shown`` is how the file writes it."""
 
     key: str
     what: object
@@ -24,7 +24,7 @@ class _Claim(NamedTuple):
 
 
 def conflicts(config: AllSections) -> Iterator[str]:
-    """A sentence that names both keys for each pair that cannot be."""
+    """One sentence, naming both keys, for each conflict."""
     yield from _serial_ports(config)
     yield from _chips(config)
     if config.run is not None:
@@ -115,7 +115,7 @@ def _addresses(run: RunSection) -> Iterator[str]:
 
 
 def _places(config: AllSections) -> Iterator[str]:
-    """Folders and files that are written."""
+    """Folders and files that are written to."""
     claims = [_Claim("[rig] bundle_dir", _plain(config.rig.bundle_dir), str(config.rig.bundle_dir))]
     if config.rig.telemetry_dir:
         claims.append(
@@ -164,7 +164,7 @@ def _overlapping(claims: list[_Claim]) -> Iterator[tuple[_Claim, _Claim]]:
 
 
 def _overlap(first: _Claim, second: _Claim) -> bool:
-    """Whether two addresses meet. The system chooses another port for each that is 0."""
+    """Whether two addresses overlap. Port 0 never does: the system chooses a free one."""
     (host, port), (other_host, other_port) = host_and_port(first.shown), host_and_port(second.shown)
     if port != other_port or port == 0:
         return False

@@ -1,4 +1,4 @@
-"""Directions as an operator names them: letters of the compass rose, or degrees clockwise from true north."""
+"""Parses directions: letters of the compass rose, or degrees clockwise from true north."""
 
 import math
 from dataclasses import dataclass
@@ -9,14 +9,14 @@ MIN_APART_DEG = 1.0
 
 @dataclass(frozen=True)
 class Direction:
-    """Where a frame is to be taken: a true azimuth, and the label that names the frame and its file."""
+    """The direction of a frame: a true azimuth, and the label that names the frame and its file."""
 
     label: str
     azimuth_deg: float
 
 
 def parse_directions(names: list[str]) -> list[Direction]:
-    """Directions in the order given. ``ValueError``, one sentence, on nonsense, two alike or none at all."""
+    """Directions in the given order. ``ValueError``, one sentence, for an invalid one, two alike, or none."""
     directions = [parse_direction(name) for name in names]
     if not directions:
         raise ValueError("no directions; give letters (N, NE, ...) or degrees, for example N,E,S,W")
