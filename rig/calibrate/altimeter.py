@@ -1,4 +1,4 @@
-"""Calibrate the altimeter: the air pressure here and now, where the altitude is known."""
+"""Altimeter calibration: the air pressure at a known altitude."""
 
 import math
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ class KnownAltitude:
 
 @dataclass(frozen=True)
 class PressureFit:
-    """Mean pressure, and the sigma of its mean and of the known altitude together, as metres."""
+    """Mean pressure, and the combined sigma of the mean and of the known altitude, as metres."""
 
     pressure_hpa: float
     sigma_m: float
@@ -39,7 +39,7 @@ class PressureFit:
 
 
 def fit_pressure(readings: Sequence[PressureReading], known: KnownAltitude) -> PressureFit:
-    """The reference pressure. ``CalibrationError`` where it drifts or cannot be that of the altitude."""
+    """The reference pressure. ``CalibrationError`` if it drifts or is impossible at that altitude."""
     pressures = np.array([reading.pressure_hpa for reading in readings])
     mean_hpa = float(pressures.mean())
     here = PressureReference(mean_hpa, known.altitude_m)
@@ -67,9 +67,9 @@ def fit_pressure(readings: Sequence[PressureReading], known: KnownAltitude) -> P
 def calibrate_altimeter(
     run: CalibrationRun, known: KnownAltitude, air_c: float | None, drift_m_h: float
 ) -> None:
-    """Read, check and write; from then on the altitude's sigma grows by ``drift_m_h`` an hour.
+    """Read, check and write. The altitude's sigma then grows by ``drift_m_h`` an hour.
 
-    ``air_c`` is the temperature of the air; None takes the standard atmosphere's.
+    ``air_c`` is the air temperature; None uses the standard atmosphere's.
     """
     section = run.config.altimeter
     if section is None:

@@ -1,4 +1,4 @@
-"""Name a calibration file in the rig's configuration, and change nothing else there."""
+"""Edits the rig's configuration file in place: names a calibration file and changes nothing else."""
 
 import json
 import os
@@ -14,7 +14,8 @@ _SECTION = re.compile(r"^\s*\[([^\[\]]+)\]", re.MULTILINE)
 
 
 def name_in_config(config_path: Path, kind: Kind, file: Path) -> None:
-    """Set ``[calibration] kind`` to ``file``, relative to the configuration's folder; comments and all else stay.
+    """Set ``[calibration] kind`` to ``file``, relative to the configuration's folder; comments and everything else
+    stay.
 
     ``CalibrationError`` where the configuration cannot be written.
     """
@@ -39,7 +40,7 @@ def name_in_config(config_path: Path, kind: Kind, file: Path) -> None:
 
 
 def with_calibration(text: str, kind: Kind, named: str) -> str:
-    """The text of a configuration with ``kind`` named in its section ``[calibration]``."""
+    """The configuration text with ``kind`` set in its section ``[calibration]``."""
     line = f"{kind} = {json.dumps(named)}"
     start = re.search(r"^\s*\[calibration\][^\n]*\n?", text, re.MULTILINE)
     if start is None:

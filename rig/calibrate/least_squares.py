@@ -1,4 +1,4 @@
-"""Least squares with the covariance of what was solved for."""
+"""Least squares with the covariance of the solution."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ class Solved:
 def solve(
     misfit: Callable[[Vector], Vector], start: Vector, loss: Literal["linear", "soft_l1"] = "linear"
 ) -> Solved:
-    """Where the sum of (robustly bounded) squares of ``misfit``, weighted by its sigmas, is least."""
+    """Minimum of the sum of (robustified) squares of ``misfit``, which is weighted by its sigmas."""
     solution = least_squares(
         misfit, start, x_scale="jac", method="trf", loss=loss, ftol=TOLERANCE, xtol=TOLERANCE
     )

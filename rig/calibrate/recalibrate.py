@@ -1,4 +1,4 @@
-"""Derive an old bundle anew from its raw readings, with better calibrations. The old one stays as it is."""
+"""Recomputes a bundle from its raw readings with better calibrations. The original stays as it is."""
 
 import json
 from collections.abc import Sequence
@@ -27,10 +27,10 @@ JsonObject = dict[str, Any]
 
 
 def recalibrate(directory: Path, calibrations: Sequence[AppliedCalibration], out_dir: Path) -> Path:
-    """Write a new bundle into ``out_dir``, complete or not at all, and return its directory.
+    """Write a new bundle into ``out_dir``, complete or absent, and return its directory.
 
-    What ``calibrations`` do not replace stays as the bundle says that it was. ``BundleError`` where the bundle cannot be read,
-    ``CalibrationError`` where it keeps no raw readings or a calibration is not for its rig.
+    What ``calibrations`` do not replace keeps the bundle's values. ``BundleError`` if the bundle cannot be read,
+    ``CalibrationError`` if it holds no raw readings or a calibration is for another rig.
     """
     require_writable(out_dir)
     bundle = load_bundle(directory)
@@ -44,7 +44,7 @@ def recalibrate(directory: Path, calibrations: Sequence[AppliedCalibration], out
 
 
 def recorded_config(bundle: Bundle) -> RigConfig:
-    """The configuration that a bundle was taken with, calibrations included. ``CalibrationError`` where it has none."""
+    """The configuration of the capture, calibrations included. ``CalibrationError`` if the bundle has none."""
     calibration = (bundle.model_extra or {}).get("calibration")
     if not isinstance(calibration, dict) or "configuration" not in calibration:
         raise CalibrationError(
@@ -68,7 +68,7 @@ def recorded_config(bundle: Bundle) -> RigConfig:
 
 
 def recorded_calibrations(files: JsonObject) -> list[AppliedCalibration]:
-    """The calibrations that a bundle was taken with."""
+    """The calibrations that were in force at the capture."""
     return [
         AppliedCalibration(
             parse_calibration(json.dumps(record["content"]), record["file"]), record["file"], record["sha256"]
@@ -114,7 +114,7 @@ def _stop(record: JsonObject, config: RigConfig) -> Stop:
 
 
 def _read_at(record: JsonObject, joints: JointAngles, time: datetime, config: RigConfig) -> Stop:
-    """What was read at a stop or at a picture. Bundles of old have no compass in the latter."""
+    """The readings at a stop or at a picture. Old bundles have no compass reading in the latter."""
     field = None
     if "field_ut" in record:
         field = MeanField(
@@ -142,7 +142,7 @@ def _read_at(record: JsonObject, joints: JointAngles, time: datetime, config: Ri
 
 
 def _level(record: JsonObject, section: InclinometerSection) -> HeadLevel:
-    """The head's level from the average that the chip gave, without its errors as they are known now."""
+    """The head's level from the recorded uncorrected average, with today's correction."""
     level = HeadLevel(**{**record, "mean_g": _triple(record["mean_g"])})
     measured = np.array([level.mean_g])
     if section.chip == "iis2iclx":  # its z was what is left of 1 g

@@ -1,4 +1,4 @@
-"""What every calibration begins and ends with: which file it goes to, its picture, and its place in the configuration."""
+"""Common part of all calibrations: configuration, output file, plot, and entry in the configuration."""
 
 import json
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ PLAIN_WIDTH = 100
 
 @dataclass(frozen=True)
 class CalibrationRun:
-    """A calibration that goes on: the configuration in force, its file, where results go, and whom to talk to."""
+    """A calibration in progress: configuration in force, its file, output folder, and the operator's guide."""
 
     config: RigConfig
     config_path: Path
@@ -37,7 +37,7 @@ class CalibrationRun:
     def open(
         cls, config_file: Path | None, out: Path | None, yes: bool, as_json: bool = False
     ) -> "CalibrationRun":
-        """From a command's options. ``ConfigError`` as the configuration deserves it."""
+        """From a command's options. ``ConfigError`` for an invalid configuration."""
         path = config_path(config_file)
         return cls(load_config(path), path, out or path.parent / FOLDER, TerminalGuide(yes), as_json)
 
@@ -57,7 +57,7 @@ class CalibrationRun:
         }
 
     def finish(self, document: Calibration, rows: Sequence[tuple[str, str, str]], figure: Figure) -> None:
-        """Show the result, write file and picture, and name the file in the configuration if that is wanted.
+        """Show the result, write file and plot, and enter the file in the configuration if the operator agrees.
 
         ``rows`` are name, value and sigma or remark. Prints the result and the file on standard output.
         """

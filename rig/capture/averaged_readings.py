@@ -1,4 +1,4 @@
-"""Readings as a capture needs them: averaged, of a head at rest, with what they say about their own error."""
+"""Averaged sensor readings of a stationary head, with their uncertainty."""
 
 import logging
 import math
@@ -35,7 +35,7 @@ MAX_DRIFT_M = 150.0  # from a deep low to a strong high
 
 @dataclass(frozen=True)
 class AltitudeReading:
-    """Altitude in the datum of the reference, with its sigma; ``raw`` for the bundle."""
+    """Altitude in the datum of the reference, its sigma, and ``raw`` for the bundle."""
 
     altitude_m: float
     sigma_m: float
@@ -45,7 +45,7 @@ class AltitudeReading:
 
 @dataclass(frozen=True)
 class MeanPressure:
-    """Mean and scatter of so many readings, and when the last was taken."""
+    """Mean and scatter of a number of readings, and the time of the last."""
 
     device: str
     utc: datetime
@@ -54,15 +54,15 @@ class MeanPressure:
     temperature_c: float | None
     readings: int
     resolution_hpa: float = 0.0
-    """One unit of the last digit that a talker sends: rounding does not average out."""
+    """One unit of a talker's last digit: averaging does not remove rounding."""
     source: str = ""
 
 
 def still_level(rig: Rig, duration_s: float) -> tuple[HeadLevel, float]:
-    """Tilt and roll of the head over ``duration_s`` once the mast has come to rest, and since when (monotonic).
+    """Tilt and roll of the head over ``duration_s``, once the mast is still, and since when it is (monotonic).
 
-    A servo that stands says nothing about the mast: the reading itself has to be as steady as the configured
-    sigmas say. ``DeviceError`` where it is not within ``settle_timeout_s``.
+    A stopped servo does not mean a still mast: the reading must be as steady as the configured sigmas. ``DeviceError``
+    if it is not within ``settle_timeout_s``.
     """
     section = rig.config.inclinometer
     deadline = Deadline.after(rig.config.pan_tilt.settle_timeout_s)
@@ -70,7 +70,7 @@ def still_level(rig: Rig, duration_s: float) -> tuple[HeadLevel, float]:
         last_try = deadline.expired
         begun_s = time.monotonic()
         whole, early, late = read_level(rig.inclinometer, section, duration_s)
-        # Both: a slow swing shows as drift, a fast one only as scatter.
+        # Both are needed: a slow swing shows as drift, a fast one as scatter.
         drift_deg = max(abs(late.tilt_deg - early.tilt_deg), abs(late.roll_deg - early.roll_deg))
         noise_deg = max(whole.tilt_noise_deg, whole.roll_noise_deg)
         sigma_deg = max(section.tilt_sigma_deg, section.roll_sigma_deg)
@@ -86,7 +86,7 @@ def still_level(rig: Rig, duration_s: float) -> tuple[HeadLevel, float]:
 
 
 def require_stood(before: HeadState, after: HeadState, what: str) -> None:
-    """Raise ``DeviceError`` where the head moved between two states, while ``what``: such a reading is none."""
+    """Raise ``DeviceError`` if the head moved between two states, while ``what``: the reading is invalid."""
     moved_ticks = max(abs(a - b) for a, b in zip(before.ticks, after.ticks, strict=True))
     if moved_ticks > NUDGED_TICKS or after.moving:
         raise DeviceError(
@@ -97,7 +97,7 @@ def require_stood(before: HeadState, after: HeadState, what: str) -> None:
 def read_level(
     inclinometer: Inclinometer, section: InclinometerSection, duration_s: float
 ) -> tuple[HeadLevel, HeadLevel, HeadLevel]:
-    """Average over ``duration_s``, and those of its first and its second half."""
+    """Averages over ``duration_s``, its first half and its second half."""
     samples = retry(partial(inclinometer.read_many, duration_s))
     middle = (len(samples) + 1) // 2
     device, correction = inclinometer.identify(), AccelerometerCorrection.from_section(section)
@@ -111,9 +111,9 @@ def read_level(
 def read_altitude(
     altimeter: Altimeter, section: AltimeterSection, bounds: Sequence[AltitudeBounds] | None = None
 ) -> AltitudeReading:
-    """Altitude by the mean pressure of half a second. ``DeviceError`` where that is beyond the bounds or no ground is.
+    """Altitude from the mean pressure of half a second. ``DeviceError`` outside the bounds or where no ground lies.
 
-    Without bounds those of the reference hold, where the chip has a double.
+    Without bounds those of the reference apply, for a chip with a lookalike.
     """
     mean = read_pressure(altimeter, ALTIMETER_AVERAGE_S)
     read = altitude_from(mean, section)
@@ -123,7 +123,7 @@ def read_altitude(
 
 
 def read_pressure(altimeter: Altimeter, duration_s: float) -> MeanPressure:
-    """Mean over some seconds. ``DeviceError`` where two pressures come in turns: their mean is none of them."""
+    """Mean over some seconds. ``DeviceError`` if two pressures alternate: their mean is neither."""
     readings = retry(partial(altimeter.read_many, duration_s))
     pressures_hpa = np.array([reading.pressure_hpa for reading in readings])
     two = two_pressures(pressures_hpa.tolist())
@@ -146,7 +146,7 @@ def read_pressure(altimeter: Altimeter, duration_s: float) -> MeanPressure:
 
 
 def two_pressures(pressures_hpa: Sequence[float]) -> tuple[float, float] | None:
-    """The means of two groups that lie further apart than weather and noise put them; None of one group."""
+    """The means of two groups further apart than weather and noise explain; None for a single group."""
     ordered = np.sort(np.asarray(pressures_hpa, float))
     if len(ordered) < 2:
         return None
@@ -160,9 +160,9 @@ def two_pressures(pressures_hpa: Sequence[float]) -> tuple[float, float] | None:
 
 
 def altitude_from(mean: MeanPressure, section: AltimeterSection) -> AltitudeReading:
-    """Altitude by a pressure. ``DeviceError`` where no ground lies that high or low.
+    """Altitude from a pressure. ``DeviceError`` if no ground lies that high or low.
 
-    Trust in it fades with the time since the reference was taken, at the configured rate: the weather changes.
+    Its sigma grows with the age of the reference, at the configured rate, as the weather changes.
     """
     reference = PressureReference(
         section.reference_pressure_hpa, section.reference_altitude_m, section.reference_temperature_c

@@ -1,7 +1,7 @@
-"""How the vehicle stands: level and heading of the base, measured by turning the head to several pan angles.
+"""Base attitude: level and heading of the vehicle, measured by turning the head to several pan angles.
 
-The compass is read where pictures are taken, too: what the pan's encoder errs by there is in the heading as it is in the
-pictures' azimuths, and goes out of their sum.
+The compass is also read at each picture: the pan encoder's error there is common to heading and picture azimuth and
+cancels in their sum.
 """
 
 import math
@@ -46,12 +46,14 @@ TWO_AXES = ("iis2iclx",)
 NO_COMPASS = TrueHeading(0.0, NO_COMPASS_SIGMA_DEG, None)
 HEADING_OF_STOPS = "heading from the stops before it"
 DISTURBED_DEG, DISTURBED_FACTOR = 2.0, 3.0
-"""Readings that fit together no better than that, and so much worse than those of the stops alone, were disturbed later."""
+"""Readings that fit together worse than this, and worse by this factor than those of the stops alone, were disturbed
+later.
+"""
 
 
 @dataclass(frozen=True)
 class MeanField:
-    """Field in the magnetometer's own axes (3,), uT: mean and scatter of so many readings."""
+    """Field in the magnetometer's own axes (3,), uT: mean, scatter and number of readings."""
 
     mean_ut: tuple[float, float, float]
     scatter_ut: tuple[float, float, float]
@@ -61,7 +63,7 @@ class MeanField:
 
 @dataclass(frozen=True)
 class Stop:
-    """What was read at one pan angle; a field or headings, as the compass gives the one or the other."""
+    """Readings at one pan angle; a field or headings, depending on the compass."""
 
     ticks: tuple[int, int]
     joints: JointAngles
@@ -72,13 +74,13 @@ class Stop:
 
     @property
     def has_compass(self) -> bool:
-        """Whether the compass was read there."""
+        """Whether the compass was read here."""
         return self.field is not None or bool(self.headings)
 
 
 @dataclass(frozen=True)
 class BaseEstimate:
-    """Attitude of the base and what is known about its errors; ``raw`` and ``calibration`` for the bundle."""
+    """Attitude of the base with its uncertainty; ``raw`` and ``calibration`` for the bundle."""
 
     attitude: Attitude
     level: BaseLevel
@@ -86,11 +88,11 @@ class BaseEstimate:
     raw: dict[str, Any]
     calibration: dict[str, Any]
     stops: tuple[Stop, ...]
-    """What level and heading were read at before any picture."""
+    """The stops, before any picture, from which level and heading were estimated."""
 
 
 def measure_base(rig: Rig) -> BaseEstimate:
-    """Turn the head through the configured pan angles, at tilt 0, and read inclinometer and compass at each."""
+    """Move to the configured pan angles at tilt 0 and read inclinometer and compass at each."""
     duration_s = rig.config.inclinometer.average_s * READING_SHARE
     pans_deg = _pans_in_sweep_order(rig)
     nod = _nod(rig, pans_deg[0]) if rig.config.inclinometer.chip in TWO_AXES else None
@@ -103,9 +105,9 @@ def measure_base(rig: Rig) -> BaseEstimate:
 
 
 def _nod(rig: Rig, pan_deg: float) -> LevelReading | None:
-    """The level at a tilt of its own, which shows the scale of a chip that cannot see all of gravity.
+    """A level reading at another tilt, which reveals a wrong scale of a two-axis chip.
 
-    None where limits and keep-out zones leave no room for it.
+    None if limits and keep-out zones leave no room.
     """
     tilt = rig.config.pan_tilt.tilt
     for tilt_deg in (min(NOD_DEG, tilt.max_deg), max(-NOD_DEG, tilt.min_deg)):
@@ -121,10 +123,10 @@ def _nod(rig: Rig, pan_deg: float) -> LevelReading | None:
 def estimate_base(
     config: RigConfig, stops: Sequence[Stop], compass: str | None, views: Sequence[Stop] = ()
 ) -> BaseEstimate:
-    """Attitude of the base: level from the ``stops``, heading from them and from the ``views``, where pictures were taken.
+    """Estimate the base attitude: level from the ``stops``, heading from them and from the ``views`` (at the pictures).
 
-    ``compass`` is the device's identity, for the record. A view at which it was not read says nothing of the heading.
-    Without a compass the heading is 0 with a sigma of 180: azimuths then count from the vehicle's bow.
+    ``compass`` is the device's identity, for the bundle. A view without a compass reading adds nothing to the heading.
+    Without a compass the heading is 0 with a sigma of 180: azimuths are then relative to the vehicle's bow.
     """
     sigmas = LevelSigmas(
         config.inclinometer.tilt_sigma_deg,
@@ -161,9 +163,9 @@ def _heading_with_views(
     views: Sequence[Stop],
     level: BaseLevel,
 ) -> tuple[TrueHeading, dict[str, Any]]:
-    """``base_heading`` of all; of the stops alone, and noted, where what was read at the views cannot be right.
+    """``base_heading`` from all readings; from the stops alone, with a note, if the views' readings are implausible.
 
-    A capture was possible without the views, so they cannot spoil it.
+    The stops suffice for a capture, so bad readings at the views must not spoil it.
     """
     alone = base_heading(section, place, stops, level)
     read = [view for view in views if view.has_compass]
@@ -184,9 +186,9 @@ def _heading_with_views(
 def base_heading(
     section: CompassSection, place: Place | None, stops: Sequence[Stop], level: BaseLevel
 ) -> tuple[TrueHeading, dict[str, Any]]:
-    """True heading of the base from what a compass read at the stops, and details for the record.
+    """True heading of the base from compass readings at the stops, and details for the bundle.
 
-    ``ConfigError`` where it gives magnetic headings and there is no declination.
+    ``ConfigError`` for magnetic headings without a declination.
     """
     if isinstance(section, Mmc5983maSection):
         fields = [
@@ -200,20 +202,20 @@ def base_heading(
         return true_heading(measured, trusted_deg, to_true), asdict(measured)
     told = true_headings([stop for stop in stops if stop.headings], section, place)
     spoken = heading_from_talker(told.at_pans, level)
-    # The readings are true already: a talker may send both kinds, and its own variation with each.
+    # The readings are already true headings: a talker may send both kinds, each with its own variation.
     trusted_deg = math.hypot(section.azimuth_bias_sigma_deg, told.sigma_deg)
     return replace(true_heading(spoken, trusted_deg, None), declination=told.declination), asdict(spoken)
 
 
 def stage_field(pan_deg: float, field: MeanField, section: Mmc5983maSection) -> FieldAtPan:
-    """The field in axes of the pan stage, without the stage's calibrated iron."""
+    """The field in axes of the pan stage, corrected for the stage's calibrated iron."""
     stage_ut = in_axes(np.array([field.mean_ut]), section.axes)[0] - np.array(section.hard_iron_ut)
     noise_ut = max(field.scatter_ut) / math.sqrt(field.readings)
     return FieldAtPan(pan_deg, np.linalg.solve(np.array(section.soft_iron), stage_ut), noise_ut)
 
 
 def read_stop(rig: Rig, joints: JointAngles, duration_s: float) -> Stop:
-    """Move there, wait until all is still, and read inclinometer and compass for so long."""
+    """Move there, wait until the head is still, and read inclinometer and compass for a time."""
     state = rig.pan_tilt.go_to(joints.pan_deg, joints.tilt_deg)
     stop = read_here(rig, state, duration_s)
     require_stood(state, rig.pan_tilt.state(), "level and heading were read")
@@ -221,7 +223,7 @@ def read_stop(rig: Rig, joints: JointAngles, duration_s: float) -> Stop:
 
 
 def read_here(rig: Rig, state: HeadState, duration_s: float) -> Stop:
-    """Read inclinometer and compass for so long where the head stands."""
+    """Read inclinometer and compass at the present position for a time."""
     levelling = rig.readers.submit(still_level, rig, duration_s)
     readings: Sequence[CompassReading] = ()
     if rig.compass:
@@ -231,9 +233,9 @@ def read_here(rig: Rig, state: HeadState, duration_s: float) -> Stop:
 
 
 def read_compass_during_picture(rig: Rig, duration_s: float) -> Sequence[CompassReading]:
-    """What the compass reads for so long while a picture is taken; nothing, and a note, where it fails.
+    """Compass readings while a picture is taken; none, with a note, if it fails.
 
-    It is tried again only as long as the inclinometer is read anyway: pictures do not wait for it.
+    Retried only while the inclinometer is read: pictures do not wait for the compass.
     """
     if rig.compass is None:
         return ()
@@ -247,7 +249,7 @@ def read_compass_during_picture(rig: Rig, duration_s: float) -> Sequence[Compass
 def stop_of(
     ticks: tuple[int, int], joints: JointAngles, level: HeadLevel, readings: Sequence[CompassReading]
 ) -> Stop:
-    """What was just read by the inclinometer and by whichever compass there is."""
+    """A stop from an inclinometer reading and the readings of the compass, if any."""
     return Stop(
         ticks,
         joints,
@@ -268,7 +270,7 @@ def mean_field(readings: Sequence[FieldReading]) -> MeanField | None:
 
 
 def _pans_in_sweep_order(rig: Rig) -> list[float]:
-    """The configured pan angles in one sweep, from the end that is nearer."""
+    """The configured pan angles ordered for one sweep, starting at the nearer end."""
     angles_deg = sorted(rig.config.capture.base_attitude_pan_angles_deg)
     here_deg = rig.pan_tilt.state().pan_deg
     return angles_deg if abs(here_deg - angles_deg[0]) <= abs(here_deg - angles_deg[-1]) else angles_deg[::-1]
@@ -285,7 +287,7 @@ def stop_record(stop: Stop) -> dict[str, Any]:
 
 
 def compass_record(stop: Stop) -> dict[str, Any]:
-    """What the compass read at a stop or at a picture, as JSON values; nothing where it was not read."""
+    """Compass readings at a stop or at a picture, as JSON values; empty if it was not read."""
     record: dict[str, Any] = {}
     if stop.field:
         record["field_ut"] = list(stop.field.mean_ut)

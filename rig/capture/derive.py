@@ -1,4 +1,4 @@
-"""From raw readings to what a bundle says, by the configuration in force: for a capture, and later for a better one."""
+"""Derives a bundle's calibrated values from raw readings and a configuration: at capture, and again on recalibration."""
 
 import math
 from collections.abc import Mapping
@@ -21,7 +21,7 @@ MAX_SIGMA_DEG = 180.0
 
 @dataclass(frozen=True)
 class Shot:
-    """A picture and what was read while it was taken; where it looked depends on how the vehicle is found to stand."""
+    """A picture and the readings taken with it; its attitude follows from the base estimate."""
 
     label: str
     image_bgr: NDArray[np.uint8]
@@ -49,7 +49,7 @@ def frame_record(config: RigConfig, base_estimate: BaseEstimate, shot: Shot) -> 
 
 
 def pointing(base_estimate: BaseEstimate, joints: JointAngles, level: HeadLevel, head: Head) -> Attitude:
-    """Where the camera looked, from joint angles and inclinometer."""
+    """Camera attitude from joint angles and inclinometer."""
     return measured_pointing(
         base_estimate.attitude,
         joints,
@@ -60,23 +60,23 @@ def pointing(base_estimate: BaseEstimate, joints: JointAngles, level: HeadLevel,
 
 
 def azimuth_bias_sigma_deg(config: RigConfig, base_estimate: BaseEstimate) -> float:
-    """Of the error that all azimuths share: heading, and how the camera sits in the head."""
+    """Sigma of the azimuth error common to all frames: heading and boresight."""
     both_deg = math.hypot(base_estimate.heading.sigma_deg, config.camera.boresight_azimuth_sigma_deg)
     return min(both_deg, MAX_SIGMA_DEG)
 
 
 def tilt_bias_sigma_deg(config: RigConfig, base_estimate: BaseEstimate) -> float:
-    """Of the error that all tilts share: zero of the inclinometer, and how the camera sits in the head."""
+    """Sigma of the tilt error common to all frames: inclinometer zero and boresight."""
     return math.hypot(base_estimate.level.tilt_zero_sigma_deg, config.camera.boresight_tilt_sigma_deg)
 
 
 def tilt_sigma_deg(config: RigConfig, level: HeadLevel) -> float:
-    """Of one frame's tilt."""
+    """Sigma of one frame's tilt."""
     return math.hypot(config.inclinometer.tilt_sigma_deg, level.tilt_noise_deg)
 
 
 def roll_sigma_deg(config: RigConfig, base_estimate: BaseEstimate, level: HeadLevel) -> float:
-    """Of one frame's roll. The contract has no roll bias: what is left of the zero errors goes in here."""
+    """Sigma of one frame's roll. The contract has no roll bias: residual zero errors are included here."""
     return math.hypot(
         config.inclinometer.roll_sigma_deg,
         level.roll_noise_deg,
@@ -86,7 +86,7 @@ def roll_sigma_deg(config: RigConfig, base_estimate: BaseEstimate, level: HeadLe
 
 
 def bundle_camera(config: RigConfig) -> BundleCamera:
-    """The camera as the bundle describes it."""
+    """The camera's intrinsics for the bundle."""
     camera = config.camera
     return BundleCamera(
         width_px=camera.width_px,
@@ -100,7 +100,7 @@ def bundle_camera(config: RigConfig) -> BundleCamera:
 
 
 def calibration_record(config: RigConfig, base_estimate: BaseEstimate) -> dict[str, Any]:
-    """What turned raw readings into calibrated ones: results on the way, configuration, and the calibration files used."""
+    """How calibrated readings were derived: intermediate results, configuration, and calibration files."""
     return {
         **base_estimate.calibration,
         "configuration": configured_calibration(config),
@@ -109,9 +109,9 @@ def calibration_record(config: RigConfig, base_estimate: BaseEstimate) -> dict[s
 
 
 def configured_calibration(config: RigConfig) -> dict[str, Any]:
-    """The configuration that was in force, with what calibrations had replaced, as JSON values.
+    """The configuration in force, with the values of calibrations, as JSON values.
 
-    Without the camera's URLs: they often have a password in them.
+    Without the camera's URLs, which may contain a password.
     """
     return config.model_dump(
         mode="json",

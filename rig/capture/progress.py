@@ -1,4 +1,4 @@
-"""What the operator sees while a capture goes on: on a terminal a moving line, else one line a step; on stderr."""
+"""Progress of a capture for the operator, on stderr: a progress bar on a terminal, else one line a step."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,19 +11,19 @@ from rig import event_bus
 
 
 class ProgressReporter(Protocol):
-    """Takes what is going on (``doing``) and what has been done (``done``), each a short sentence."""
+    """Receives the current step (``doing``) and finished steps (``done``), each a short sentence."""
 
     def doing(self, what: str) -> None:
-        """What begins now; soon replaced by the next."""
+        """The step that begins now; replaced by the next."""
         ...
 
     def done(self, what: str) -> None:
-        """A step that is finished; stays visible."""
+        """A finished step; stays visible."""
         ...
 
 
 class PublishingReporter:
-    """A reporter that also tells the telemetry."""
+    """A progress reporter that also publishes to the event bus."""
 
     def __init__(self, report: ProgressReporter) -> None:
         self._report = report
@@ -65,7 +65,7 @@ class _Bar:
 
 @contextmanager
 def console_progress(steps: int) -> Iterator[ProgressReporter]:
-    """A reporter for so many steps."""
+    """A progress reporter for a number of steps."""
     console = Console(stderr=True)
     if not console.is_terminal:
         yield _Lines(console)

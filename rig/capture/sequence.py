@@ -1,4 +1,4 @@
-"""One capture: how the vehicle stands, then a frame of the skyline in each direction, then the bundle."""
+"""One capture: base attitude, then a frame of the skyline in each direction, then the bundle."""
 
 import time
 from collections.abc import Mapping, Sequence
@@ -39,7 +39,7 @@ CLOCK_STEP_S = 1.0
 
 
 class CaptureError(RigError):
-    """The devices work, but what they see is no measurement."""
+    """The devices work, but their readings make no usable measurement."""
 
 
 def capture(
@@ -58,9 +58,9 @@ def capture(
     With ``park`` the head moves to its parking position before the torque goes off. With ``skip_failed_sensors`` a
     compass or an altimeter that cannot be opened is left out. An altitude that is impossible over ``dem`` is refused.
 
-    Whatever happens, an interruption too, the head is left without torque and no incomplete bundle behind.
-    Raises ``DeviceError``, ``GoalError`` or ``ConfigError`` as the parts do, ``BundleWriteError`` where the
-    bundle cannot be written, ``CaptureError`` where no frame shows a skyline.
+    In every case, also when interrupted, the torque is off afterwards and no incomplete bundle is left. Raises
+    ``DeviceError``, ``GoalError`` or ``ConfigError`` as the parts do, ``BundleWriteError`` if the bundle cannot be
+    written, ``CaptureError`` if no frame shows a skyline.
     """
     report = PublishingReporter(report)
     require_writable(out_dir)
@@ -95,9 +95,9 @@ def capture(
 def measure_and_park(
     rig: Rig, directions: Sequence[Direction], report: ProgressReporter, dem: "Dem | None" = None
 ) -> Measurement:
-    """As ``measure``, and the head goes to its parking place, after a failure too.
+    """As ``measure``, then move the head to its parking position, also after a failure.
 
-    A head that does not get there is a note: what has been measured counts.
+    A failure to park is only noted: the measurement is valid.
     """
     try:
         measurement = measure(rig, directions, report, dem)
@@ -120,16 +120,16 @@ def _park(rig: Rig, report: ProgressReporter) -> None:
 def measure(
     rig: Rig, directions: Sequence[Direction], report: ProgressReporter, dem: "Dem | None" = None
 ) -> Measurement:
-    """Everything that goes into a bundle, frames in the order of ``directions``.
+    """All content of a bundle, frames in the order of ``directions``.
 
-    ``CaptureError`` where no frame shows a skyline, or a reading is older than [capture] oldest_reading_s.
+    ``CaptureError`` if no frame shows a skyline, or a reading is older than [capture] oldest_reading_s.
     """
     report.doing("level and heading")
     reading = rig.readers.submit(_altitude, rig, dem)
     parked = rig.pan_tilt.state()
     first = retry(lambda: rig.camera.frame_after(time.monotonic())).image_bgr
     seen = [seen_at(JointAngles(parked.pan_deg, parked.tilt_deg), first)]
-    # Compiled code takes a second to load: better now than while the head waits for it.
+    # Loading compiled code takes a second: done in parallel with the first moves.
     loading = rig.readers.submit(find_skyline, first)
     base_estimate = measure_base(rig)
     altitude = reading.result()
@@ -186,7 +186,7 @@ def measure(
 
 
 def require_fresh(times: Mapping[str, datetime], oldest_s: float) -> None:
-    """Raise ``CaptureError`` where a reading is older: the vehicle, the weather or the light is another by now."""
+    """Raise ``CaptureError`` for an older reading: vehicle, weather or light may have changed since."""
     now = clock.utc_now()
     name, time_of = min(times.items(), key=lambda item: item[1])
     age_s = (now - time_of).total_seconds()

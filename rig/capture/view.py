@@ -46,7 +46,7 @@ PLAY_DEG = 0.5
 
 @dataclass(frozen=True)
 class View:
-    """What was read while the head stood in one position; ``pointing`` is by the heading as it was known then."""
+    """Frames and readings at one position of the head; ``pointing`` uses the heading known at that time."""
 
     before: HeadState
     state: HeadState
@@ -64,10 +64,10 @@ def aim_and_take(
 ) -> View:
     """Point at a direction and tilt until the skyline lies well in the picture.
 
-    ``seen`` are the views before this one, in whichever direction; those of this one are added to it.
+    ``seen`` are all earlier views, in any direction; those of this call are added to it.
 
-    Begins at tilt 0. Where the picture shows no skyline at all, looks higher and lower once each. After
-    ``MAX_VIEWS`` views, or where the head does not tilt further, the view with most skyline is taken.
+    Starts at tilt 0. Without any skyline it tries once higher and once lower. After ``MAX_VIEWS`` views, or at the tilt
+    limit, the view with most skyline is returned.
     """
     seen = [] if seen is None else seen
     tilts_to_search = [SEARCH_TILT_DEG, -SEARCH_TILT_DEG]
@@ -81,7 +81,8 @@ def aim_and_take(
                 raise
             break
         view = take_view(rig, joints, base_estimate, head, seen)
-        # The last one: a camera that freezes while a view is taken mixes what it saw before into the mean.
+        # The last frame, not the mean: a camera that freezes during a view would mix old content into the
+        # mean.
         seen.append(seen_at(joints, view.frames[-1].image_bgr))
         views.append(view)
         if view.tilt_correction_deg == 0.0:
@@ -96,10 +97,10 @@ def aim_and_take(
 
 
 def nearest_reachable_joints(azimuth_deg: float, tilt_deg: float, base: Attitude, head: Head) -> JointAngles:
-    """Joint angles for a direction, or for the nearest one within ``ASIDE_DEG`` that the head reaches.
+    """Joint angles for a direction, or for the nearest reachable one within ``ASIDE_DEG``.
 
-    The pan stops short of a whole turn, and the bundle records where a frame was really taken. ``GoalError`` of
-    the direction itself where none is reached.
+    The pan range is less than a full turn, and the bundle records the actual azimuth. ``GoalError`` of the direction
+    itself if none is reachable.
     """
     try:
         return joints_for(azimuth_deg, tilt_deg, base, head)
@@ -116,7 +117,9 @@ def nearest_reachable_joints(azimuth_deg: float, tilt_deg: float, base: Attitude
 def in_sweep_order(
     directions: Sequence[Direction], base: Attitude, head: Head, pan_deg: float
 ) -> list[Direction]:
-    """The directions in one sweep of the pan, from the end that is nearer. ``GoalError`` for one out of reach."""
+    """The directions ordered for one sweep of the pan, starting at the nearer end. ``GoalError`` for an unreachable
+    one.
+    """
     pans = {d.label: nearest_reachable_joints(d.azimuth_deg, 0.0, base, head).pan_deg for d in directions}
     sweep = sorted(directions, key=lambda direction: pans[direction.label])
     first, last = pans[sweep[0].label], pans[sweep[-1].label]
@@ -126,7 +129,7 @@ def in_sweep_order(
 def take_view(
     rig: Rig, joints: JointAngles, base_estimate: BaseEstimate, head: Head, seen: Sequence[Seen]
 ) -> View:
-    """Move to joint angles, and read all that tells where the camera looks while it takes its pictures."""
+    """Move to joint angles, take pictures and read all sensors that determine the camera's attitude."""
     camera = rig.config.camera
     before = rig.pan_tilt.go_to(joints.pan_deg, joints.tilt_deg)
     average_s = rig.config.inclinometer.average_s
@@ -160,9 +163,9 @@ def take_view(
 
 
 def _compare_tilts(rig: Rig, base_estimate: BaseEstimate, joints: JointAngles, level: HeadLevel) -> None:
-    """Note a tilt joint that disagrees with the inclinometer, which is the one that is believed.
+    """Note a tilt joint that disagrees with the inclinometer; the inclinometer is used.
 
-    ``DeviceError`` where they disagree by a factor.
+    ``DeviceError`` if they differ by a factor.
     """
     measured_deg = level.tilt_deg - base_estimate.level.tilt_zero_deg
     require_agreement(base_estimate.attitude, joints, measured_deg, rig.inclinometer.identify())

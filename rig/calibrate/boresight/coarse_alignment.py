@@ -1,4 +1,4 @@
-"""Roughly how a camera is turned against a skyline that is known: the start of a fit, from anywhere."""
+"""Coarse alignment of observed points to a known skyline: the start of the fit, from any rotation."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,9 @@ ROUNDS = 4
 def align_coarsely(
     points: Points, profile: HorizonProfile, start: Attitude, within_deg: float
 ) -> tuple[float, float, float]:
-    """Turn, tilt and roll (degrees) by which the skyline fits best, roughly. ``CalibrationError`` where two turns fit alike."""
+    """Rotation in azimuth, tilt and roll (degrees) that fits best, roughly. ``CalibrationError`` if two azimuths fit
+    equally well.
+    """
     azimuth, elevation = points.seen(start, np.zeros(len(points.frame)))
     design = np.column_stack([np.ones(len(azimuth)), np.degrees(points.across)])
     shifts = np.arange(-within_deg, within_deg + STEP_DEG / 2, STEP_DEG)
@@ -41,5 +43,5 @@ def align_coarsely(
             "boresight: the skyline fits no one direction better than the others: this is another place than given, or too "
             "little of the ridge is seen; check --at, wait for better sight, or drive where the skyline is rugged"
         )
-    # A roll to the right lowers the right of the world in the camera's view, so the fit's sign is turned.
+    # A roll to the right lowers the right side of the view, so the sign of the fit is reversed.
     return float(shifts[best]), float(levels[best][0]), -float(np.degrees(levels[best][1]))

@@ -1,7 +1,8 @@
-"""How the DEM errs along a skyline: by so many metres, which near ridges show as large angles, and alike from point to point.
+"""Error model of the DEM along a skyline: correlated along a ridge, larger angles for nearer ridges.
 
-An error of a ridge lifts all points of it together, in every picture that shows it; a second picture of the same ridge says
-nothing new about it, but much about how the camera sits. Both follow from the covariance of what is left after a fit.
+A height error moves all points of a ridge together, in every picture that shows it. A second picture of the same ridge
+thus adds nothing about the ridge, but determines the camera's mounting. Both follow from the covariance of the
+residuals.
 """
 
 from dataclasses import dataclass
@@ -13,24 +14,26 @@ from scipy.linalg import solve_triangular
 Vector = NDArray[np.float64]
 
 ALIKE_M = 60.0
-"""Over which heights of a DEM err alike: two cells of the usual DEM."""
+"""Correlation length of the DEM's height errors: two cells of a typical DEM."""
 COMMON_SHARE, COMMON_SPAN = 0.25, 0.7
-"""Of the variance, what ridges of like distance have in common; and how much farther (natural logarithm) is no longer like."""
+"""Share of the variance common to ridges of similar distance, and the range of "similar" (natural logarithm of
+distance).
+"""
 FACTORS = 1.5 ** np.arange(-2, 8)
-"""By which the DEM may be better or worse than told. No better than half: a lucky fit is no survey."""
+"""Factors tried on the stated DEM error. Not below a half: a lucky fit does not prove a better DEM."""
 OUTLIER_SIGMAS = 1.5
 MIN_SPREAD = 0.3
-"""A point that is off by more than so many times what the others are is distrusted, with the square of how much more.
+"""A point whose residual exceeds this multiple of the others' spread is down-weighted, with the square of the excess.
 
-In haze a far ridge is now and then traced along a nearer one below it: always to the same side, and at up to a third of it.
+In haze a far ridge is sometimes traced along a nearer one below it: always to the same side, for up to a third of it.
 """
 
 
 @dataclass(frozen=True)
 class DemErrorModel:
-    """``whiten`` (n, n) makes independent misfits of unit variance of what is left at n points.
+    """``whiten`` (n, n) turns residuals at n points into independent ones of unit variance.
 
-    ``dem_factor`` is how much worse the DEM is than told, as what is left has it.
+    ``dem_factor`` is the actual DEM error over the stated one, estimated from the residuals.
     """
 
     whiten: Vector
@@ -38,9 +41,9 @@ class DemErrorModel:
 
 
 def covariance_deg2(sigma_deg: Vector, azimuth_deg: Vector, distance_m: Vector) -> Vector:
-    """Of the DEM's error at points (n,) of the skyline, given its sigma there: alike where the ridge is the same.
+    """Covariance of the DEM's error at skyline points (n,), given its sigma there.
 
-    A part is alike at all ridges of like distance: a DEM smooths brows, and near ones otherwise than far ones.
+    A share is common to all ridges of similar distance: a DEM smooths crests, near and far ones differently.
     """
     azimuth = np.radians(azimuth_deg)
     where_m = np.column_stack([distance_m * np.sin(azimuth), distance_m * np.cos(azimuth)])
@@ -54,9 +57,10 @@ def covariance_deg2(sigma_deg: Vector, azimuth_deg: Vector, distance_m: Vector) 
 def fit_dem_error_model(
     left_deg: Vector, image_deg: Vector, dem_deg: Vector, alike_deg2: Vector
 ) -> DemErrorModel:
-    """What is left at n points, the sigmas of image and DEM there, and the DEM's covariance (n, n) as told.
+    """Fit the DEM's error factor to the residuals at n points, given image and DEM sigmas and the stated DEM covariance
+    (n, n).
 
-    The DEM's factor is the likeliest one; points far off have their image distrusted.
+    The factor is the maximum-likelihood one; outliers get a larger image sigma.
     """
     sigma_deg = np.hypot(image_deg, dem_deg)
     spread = max(1.4826 * float(np.median(np.abs(left_deg / sigma_deg))), MIN_SPREAD)

@@ -1,4 +1,4 @@
-"""Calibrate the boresight at a known place, or check there whether the calibration still holds."""
+"""Boresight calibration at a known place, and the check whether a calibration still holds."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -26,12 +26,12 @@ Vector = NDArray[np.float64]
 HOLDS_SIGMAS = 3.0
 CHECK_DIRECTIONS = 8
 HARMLESS_DEG = (0.15, 0.03, 0.08)
-"""Differences that matter to nobody, whatever their sigmas say."""
+"""Differences below these (azimuth, tilt, roll) are accepted even if they are significant."""
 
 
 @dataclass(frozen=True)
 class Offset:
-    """How far one angle is from what the calibration says, its sigma, and whether that is as it should be."""
+    """Difference of one angle from the calibration, its sigma, and whether it is acceptable."""
 
     name: str
     off_deg: float
@@ -40,11 +40,11 @@ class Offset:
 
 
 def calibrate_boresight(run: CalibrationRun, place: KnownPlace, sigmas: PlaceSigmas, directions: int) -> None:
-    """Guide, measure, fit and write. ``CalibrationError`` with the reason where the result is not to be trusted."""
+    """Guide the operator, measure, fit and write. ``CalibrationError`` says why a result is rejected."""
     run.guide.ready("Park exactly at the known place, with a clear view of the ridges all round.")
     fit, profile, device = measure_boresight(run.config, place, sigmas, directions, run.guide.say)
     found, compass = fit.boresight, run.config.compass
-    # What was corrected already stays corrected.
+    # Added to the offset that is already configured.
     heading_offset_deg = (
         wrapped_deg(compass.heading_offset_deg + fit.heading_offset_deg) if compass is not None else None
     )
@@ -86,7 +86,7 @@ def measure_boresight(
     directions: int,
     say: Callable[[str], None],
 ) -> tuple[BoresightFit, HorizonProfile, str]:
-    """Look all round and fit; also the DEM's skyline, and the camera's identity."""
+    """Survey the skyline and fit; returns also the DEM's skyline and the camera's identity."""
     profile = horizon_profile(place, place.ground_m + config.rig.mast_height_m)
     around = [parse_direction(str(i * 360.0 / directions)) for i in range(directions)]
     with connect(config) as rig:
@@ -112,7 +112,9 @@ def measure_boresight(
 
 
 def check_boresight(config: RigConfig, place: KnownPlace, sigmas: PlaceSigmas) -> list[Offset]:
-    """Look all round at a known place and compare. ``CalibrationError`` where the skyline cannot tell."""
+    """Survey the skyline at a known place and compare. ``CalibrationError`` if the skyline does not determine the
+    angles.
+    """
     fit, _, _ = measure_boresight(config, place, sigmas, CHECK_DIRECTIONS, lambda line: None)
     return offsets(
         config, fit, config.compass.azimuth_bias_sigma_deg if config.compass else NO_COMPASS_SIGMA_DEG
@@ -120,7 +122,7 @@ def check_boresight(config: RigConfig, place: KnownPlace, sigmas: PlaceSigmas) -
 
 
 def offsets(config: RigConfig, fit: BoresightFit, heading_sigma_deg: float) -> list[Offset]:
-    """What the skyline says against the calibration in force. The azimuth is allowed what the compass is trusted."""
+    """Differences between the skyline and the calibration in force. The compass's sigma is allowed for in azimuth."""
     camera = config.camera
     azimuth_deg = fit.boresight.azimuth_deg + fit.heading_offset_deg - camera.boresight_azimuth_deg
     off_deg = (
@@ -143,7 +145,7 @@ def offsets(config: RigConfig, fit: BoresightFit, heading_sigma_deg: float) -> l
 
 
 def draw(fit: BoresightFit, profile: HorizonProfile) -> Figure:
-    """The DEM's skyline with the points seen, and what is left."""
+    """The DEM's skyline with the observed points, and the residuals."""
     figure, (above, below) = new_figure(
         f"boresight: misfit {fit.misfit_deg:.3f} deg, {len(fit.residual_deg)} points", 2
     )

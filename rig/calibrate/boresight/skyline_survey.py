@@ -1,4 +1,4 @@
-"""Look all round at a known place: frames of the skyline at several tilts, by a vehicle that stands still."""
+"""Skyline survey at a known place: frames at several tilts in each direction, from a stationary vehicle."""
 
 from collections.abc import Callable, Sequence
 
@@ -26,11 +26,11 @@ CENTRAL_SHARE = 0.05
 MIN_SIGMA_PX = 0.3
 HEADING_CHANGE_LIMIT_DEG = 1.0
 LEVEL_CHANGE_LIMIT_DEG = 0.1
-"""By how much a vehicle that stands may seem to have moved, by the noise of compass and inclinometer."""
+"""Apparent motion of a stationary vehicle from noise of compass and inclinometer."""
 
 
 def require_unmoved(before: BaseEstimate, after: BaseEstimate) -> None:
-    """Raise ``CalibrationError`` where the vehicle has moved while its pictures were taken."""
+    """Raise ``CalibrationError`` if the vehicle moved during the survey."""
     turned_deg = wrapped_deg(after.attitude.azimuth_deg - before.attitude.azimuth_deg)
     leaned_deg = max(
         abs(after.level.pitch_deg - before.level.pitch_deg), abs(after.level.roll_deg - before.level.roll_deg)
@@ -48,10 +48,11 @@ def require_unmoved(before: BaseEstimate, after: BaseEstimate) -> None:
 def survey_skyline(
     rig: Rig, base_estimate: BaseEstimate, directions: Sequence[Direction], say: Callable[[str], None]
 ) -> tuple[list[SkylineFrame], list[Stop]]:
-    """In each direction a frame with the skyline in the middle, and one with it further up or down; and what was read at each.
+    """In each direction take a frame with the skyline in the middle and one with it higher or lower; also returns the
+    sensor readings of each.
 
-    A camera that looks aside in the head turns its picture when the head tilts, an error of the heading does not: frames at
-    different tilts tell one from the other.
+    An azimuth error of the camera rotates the picture when the head tilts, a heading error does not: frames at
+    different tilts separate them.
     """
     config = rig.config
     head = Head.from_config(config)
@@ -77,7 +78,7 @@ def survey_skyline(
 
 
 def second_tilt_offset_deg(skyline: Skyline, camera: CameraSection, up: bool) -> float:
-    """How much further to tilt for the skyline to lie in the other half of the picture; ``up`` or down where it is central."""
+    """Additional tilt that puts the skyline into the other half of the picture; ``up`` decides if it is central."""
     rows = skyline.row_px[skyline.state == ColumnState.OK]
     middle_px = (camera.height_px - 1) / 2.0
     row_px = float(np.median(rows)) if len(rows) else middle_px
@@ -95,7 +96,7 @@ def second_tilt_offset_deg(skyline: Skyline, camera: CameraSection, up: bool) ->
 def skyline_frame(
     config: RigConfig, label: str, base_estimate: BaseEstimate, view: View, stop: int
 ) -> SkylineFrame:
-    """A view as the fit takes it, from the pan's ``stop``."""
+    """A view as input of the fit, for the pan's ``stop``."""
     skyline = find_skyline(view.image_bgr)
     columns = np.arange(POINTS_APART_PX // 2, len(skyline.row_px), POINTS_APART_PX)
     sure = (skyline.state == ColumnState.OK) & (skyline.confidence >= CONFIDENT)
@@ -115,7 +116,7 @@ def skyline_frame(
 
 
 def head_attitude(base_estimate: BaseEstimate, stop: Stop) -> Attitude:
-    """How the head stood, by joints, heading and inclinometer."""
+    """Attitude of the head from joints, heading and inclinometer."""
     azimuth_deg = body_attitude(head_rotation(base_estimate.attitude, stop.joints)).azimuth_deg
     level, zero = stop.level, base_estimate.level
     return Attitude(azimuth_deg, level.tilt_deg - zero.tilt_zero_deg, level.roll_deg - zero.roll_zero_deg)

@@ -1,4 +1,4 @@
-"""Intrinsics and distortion from views of a board, and whether they can be believed."""
+"""Intrinsics and distortion from views of a calibration target, with checks that the result is credible."""
 
 import math
 from collections.abc import Sequence
@@ -29,7 +29,7 @@ NAMES = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2", "k3")
 
 @dataclass(frozen=True)
 class CameraFit:
-    """The nine parameters by their names, their sigmas, and the residuals (n, 2) in px at the corners (n, 2) of all views."""
+    """The nine parameters by name, their sigmas, and the residuals (n, 2) in px at the corners (n, 2) of all views."""
 
     values: dict[str, float]
     sigmas: dict[str, float]
@@ -42,7 +42,7 @@ class CameraFit:
 
 
 def coverage_grid(views: Sequence[TargetView], size_px: tuple[int, int]) -> NDArray[np.int64]:
-    """How many corners were seen in each cell of the picture (rows, columns)."""
+    """Number of corners in each cell of the picture (rows, columns)."""
     counts = np.zeros((GRID[1], GRID[0]), np.int64)
     for view in views:
         cells = np.floor((view.image_px + 0.5) / np.array(size_px) * np.array(GRID)).astype(np.int64)
@@ -56,7 +56,7 @@ def coverage(views: Sequence[TargetView], size_px: tuple[int, int]) -> float:
 
 
 def fit_camera(views: Sequence[TargetView], size_px: tuple[int, int]) -> CameraFit:
-    """Fit. ``CalibrationError`` where the views are too few, leave parts of the picture out, or fit no real lens."""
+    """Fit. ``CalibrationError`` if the views are too few, leave parts of the picture uncovered, or fit no real lens."""
     _require_views(views, size_px)
     used = list(views)
     first = _calibrate(used, size_px, fixed_k3=False)
@@ -67,7 +67,7 @@ def fit_camera(views: Sequence[TargetView], size_px: tuple[int, int]) -> CameraF
         first = _calibrate(used, size_px, fixed_k3=False)
     else:
         dropped = ()
-    # A third coefficient that is not needed follows the noise in the corners.
+    # An unnecessary third coefficient would fit the noise of the corners.
     needed = abs(first.parameters[8]) > SIGNIFICANT * first.sigmas[8]
     solved = first if needed else _calibrate(used, size_px, fixed_k3=True)
     fit = CameraFit(
@@ -173,7 +173,7 @@ def _require_plausible(fit: CameraFit, size_px: tuple[int, int]) -> None:
 
 
 def _folds(values: dict[str, float], size_px: tuple[int, int]) -> bool:
-    """Whether a larger angle would come to lie nearer to the centre, somewhere within the picture."""
+    """Whether the distortion model is non-monotonic within the picture."""
     width, height = size_px
     corners_px = [(0.0, 0.0), (width - 1.0, 0.0), (0.0, height - 1.0), (width - 1.0, height - 1.0)]
     reach = max(

@@ -1,4 +1,4 @@
-"""Calibrate the camera: collect views of a board, live or from files, fit, show."""
+"""Camera calibration: collect views of a calibration target, live or from files, fit, show."""
 
 import glob
 import struct
@@ -28,7 +28,7 @@ PATIENCE_S = 60.0
 def calibrate_camera(
     run: CalibrationRun, board: CalibrationTarget, images: str | None, views_wanted: int
 ) -> None:
-    """Guide, collect, fit and write. ``CalibrationError`` with the reason where the result is not to be trusted."""
+    """Guide the operator, collect views, fit and write. ``CalibrationError`` says why a result is rejected."""
     section = run.config.camera
     size_px = (section.width_px, section.height_px)
     if images is not None:
@@ -72,7 +72,7 @@ def calibrate_camera(
 
 
 def views_from_files(board: CalibrationTarget, pattern: str, size_px: tuple[int, int]) -> list[TargetView]:
-    """The views in the pictures that a pattern names. ``CalibrationError`` where there are none, or of another size."""
+    """The views in the pictures of a glob pattern. ``CalibrationError`` if there are none, or of another size."""
     paths = sorted(glob.glob(pattern, recursive=True))  # noqa: PTH207 - a pattern may be absolute
     if not paths:
         raise CalibrationError(f"--images {pattern}: names no file; check the folder, and quote the pattern")
@@ -95,7 +95,7 @@ def views_from_files(board: CalibrationTarget, pattern: str, size_px: tuple[int,
 
 
 def _size_px(path: str) -> tuple[int, int]:
-    """What a picture's header says."""
+    """Picture size from the file header."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -110,9 +110,10 @@ def _size_px(path: str) -> tuple[int, int]:
 def views_from_camera(
     camera: Camera, board: CalibrationTarget, size_px: tuple[int, int], wanted: int, guide: Guide
 ) -> list[TargetView]:
-    """Take a view whenever the board is held still somewhere new, until there are enough of them all over the picture.
+    """Take a view whenever the target is held still in a new position, until the views are enough and cover the
+    picture.
 
-    Ends too when nothing new was shown for a minute; the fit then says what is missing.
+    Also ends after a minute without a new view; the fit then reports what is missing.
     """
     views: list[TargetView] = []
     before: TargetView | None = None
@@ -131,19 +132,19 @@ def views_from_camera(
 
 
 def is_still(view: TargetView, before: TargetView) -> bool:
-    """Whether the board was where it was in the frame before."""
+    """Whether the target has not moved since the previous frame."""
     moved = _moved_px(view, before)
     return moved is not None and moved < STILL_PX
 
 
 def is_new(view: TargetView, others: Sequence[TargetView], width_px: int) -> bool:
-    """Whether the board is somewhere else than in all other views."""
+    """Whether the target's position differs from those of all other views."""
     moves = [_moved_px(view, other) for other in others]
     return all(moved is None or moved > NEW_SHARE * width_px for moved in moves)
 
 
 def progress(views: Sequence[TargetView], size_px: tuple[int, int], wanted: int) -> str:
-    """Where in the picture the board has been, as lines of characters: more corners, a fuller block."""
+    """Coverage of the picture as text blocks: more corners, a fuller block."""
     counts = coverage_grid(views, size_px)
     blocks = np.array(list("·░▒▓█"))
     lines = ["  " + "".join(blocks[np.clip((row + 4) // 5, 0, 4)].repeat(2)) for row in counts]
@@ -154,7 +155,7 @@ def progress(views: Sequence[TargetView], size_px: tuple[int, int], wanted: int)
 
 
 def draw(fit: CameraFit, size_px: tuple[int, int]) -> Figure:
-    """Where corners were seen with what is left of them, and the residuals themselves."""
+    """Corner positions with their residuals, and the residuals alone."""
     figure, (picture, cloud) = new_figure(
         f"camera: {fit.rms_px:.3f} px rms, {len(fit.corners_px)} corners in {fit.views} views", 2
     )
@@ -176,7 +177,7 @@ def draw(fit: CameraFit, size_px: tuple[int, int]) -> Figure:
 
 
 def _moved_px(view: TargetView, other: TargetView) -> float | None:
-    """Mean way of the corners that both show; None where these are few."""
+    """Mean displacement of the common corners; None if there are few."""
     common: NDArray[np.int64]
     common, mine, theirs = np.intersect1d(view.ids, other.ids, return_indices=True)
     if len(common) < 6:

@@ -1,4 +1,4 @@
-"""The board that a camera is shown: a ChArUco board or a chessboard, found in a picture."""
+"""Calibration targets, a ChArUco board or a chessboard, and their detection in pictures."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -21,7 +21,9 @@ _USAGE = "give charuco:COLUMNSxROWS:SQUARE_MM:MARKER_MM or chessboard:COLUMNSxRO
 
 @dataclass(frozen=True)
 class TargetView:
-    """Corners of the board in one picture: number, place on the board (n, 3) in mm, place in the picture (n, 2) in px."""
+    """Corners of the target in one picture: number, position on the target (n, 3) in mm, position in the picture (n, 2)
+    in px.
+    """
 
     name: str
     ids: NDArray[np.int64]
@@ -31,14 +33,14 @@ class TargetView:
 
 @dataclass(frozen=True)
 class CalibrationTarget:
-    """A board, and what finds it in a picture (None where it is not seen)."""
+    """A target and its detector (None if it is not found)."""
 
     text: str
     find: Callable[[str, Image], TargetView | None]
 
 
 def parse_target(text: str) -> CalibrationTarget:
-    """A board from its description. ``ValueError``, one sentence, where it is none."""
+    """A target from its description. ``ValueError``, one sentence, for an invalid one."""
     kind, *numbers = text.split(":")
     try:
         columns, rows = (int(part) for part in numbers[0].split("x"))
@@ -61,7 +63,7 @@ def charuco_board(columns: int, rows: int, square_mm: float, marker_mm: float) -
 
 
 def print_target(text: str, path: Path) -> None:
-    """Draw a ChArUco board to be printed at its true size. ``CalibrationError`` where the file cannot be written."""
+    """Draw a ChArUco board for printing at true size. ``CalibrationError`` if the file cannot be written."""
     kind, *numbers = text.split(":")
     if kind != "charuco":
         raise CalibrationError(

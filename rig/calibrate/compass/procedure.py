@@ -1,4 +1,4 @@
-"""Calibrate the compass: turn the pan at several headings of the vehicle, compare with and without torque, fit, show."""
+"""Compass calibration: turn the pan at several vehicle headings, compare with torque on and off, fit, show."""
 
 from collections.abc import Sequence
 
@@ -30,7 +30,7 @@ TORQUE_LIMIT_DEG = 3.0
 
 
 def calibrate_compass(run: CalibrationRun, headings: int, angles: int) -> None:
-    """Guide, measure, fit and write. ``CalibrationError`` with the reason where the result is not to be trusted."""
+    """Guide the operator, measure, fit and write. ``CalibrationError`` says why a result is rejected."""
     config, guide = run.config, run.guide
     section, model = _section(config), _model(config)
     guide.ready(
@@ -117,7 +117,7 @@ def calibrate_compass(run: CalibrationRun, headings: int, angles: int) -> None:
 
 
 def vehicle_stop(config: RigConfig, section: Mmc5983maSection, stops: Sequence[Stop]) -> VehicleStop:
-    """One position of the vehicle as the fit takes it: its slope, and the fields in axes of the pan stage."""
+    """One position of the vehicle as input of the fit: its slope, and the fields in axes of the pan stage."""
     inclinometer = config.inclinometer
     sigmas = LevelSigmas(
         inclinometer.tilt_sigma_deg,
@@ -132,7 +132,7 @@ def vehicle_stop(config: RigConfig, section: Mmc5983maSection, stops: Sequence[S
 
 
 def draw(fit: CompassFit, stops: Sequence[VehicleStop], heading_sigma_deg: float) -> Figure:
-    """What is left over the pan angle, and the horizontal field as measured."""
+    """Residuals over the pan angle, and the measured horizontal field."""
     figure, (left, circle) = new_figure(
         f"compass: {fit.rms_ut:.3f} uT rms, heading to {heading_sigma_deg:.2f} deg", 2
     )
@@ -151,7 +151,7 @@ def draw(fit: CompassFit, stops: Sequence[VehicleStop], heading_sigma_deg: float
 
 
 def _pan_angles(rig: Rig, angles: int) -> list[float]:
-    """All round, from the end that is nearer."""
+    """Pan angles over the full range, starting at the nearer end."""
     pan = rig.config.pan_tilt.pan
     pans_deg: list[float] = np.linspace(
         pan.min_deg + FROM_LIMIT_DEG, pan.max_deg - FROM_LIMIT_DEG, angles
@@ -161,7 +161,9 @@ def _pan_angles(rig: Rig, angles: int) -> list[float]:
 
 
 def _spread(angles: int) -> tuple[int, ...]:
-    """First, middle and last of so many pan angles: where the head is let go. Not at each: it may sink every time."""
+    """Indices of the first, middle and last pan angle: there the torque is switched off. Not at each, as the head may
+    sink.
+    """
     return 0, angles // 2, angles - 1
 
 

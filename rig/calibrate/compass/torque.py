@@ -1,7 +1,7 @@
-"""What the current that holds the head makes of the compass: read with the servos' torque, and without.
+"""Effect of the servos' holding current on the compass: read with torque on and off.
 
-A capture reads with torque, and so does the calibration: what is always the same goes into the iron of the pan stage. What
-differs from one pan angle to the other is left in the heading.
+Captures and the calibration both read with torque on. A constant effect becomes part of the pan stage's iron; the part
+that varies with the pan angle remains in the heading.
 """
 
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ Vector = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class TorqueOnOffPair:
-    """Fields (3,), uT in stage axes, with torque and without, and where the pan stood each time."""
+    """Fields (3,), uT in stage axes, with torque on and off, and the pan angle of each reading."""
 
     torque_on_ut: Vector
     torque_off_ut: Vector
@@ -31,10 +31,10 @@ class TorqueOnOffPair:
 
 @dataclass(frozen=True)
 class TorqueField:
-    """What the holding current adds to the field (3,), uT in stage axes, and by how much that varies, horizontally, rms.
+    """Field of the holding current (3,), uT in stage axes, and its rms variation, horizontal.
 
-    ``heading_deg`` is what it would turn a heading by that does not know of it, ``varying_deg`` what its variation leaves in
-    the heading of a capture.
+    ``heading_deg`` is its effect on an uncorrected heading, ``varying_deg`` the effect of its variation on a capture's
+    heading.
     """
 
     field_ut: Vector
@@ -46,7 +46,7 @@ class TorqueField:
 def read_with_torque_on_and_off(
     rig: Rig, held: Stop, section: Mmc5983maSection, duration_s: float
 ) -> TorqueOnOffPair:
-    """Let go of the head where a stop was just read, and read again. ``CalibrationError`` where there is no field."""
+    """Switch the torque off at a stop that was just read, and read again. ``CalibrationError`` without a field."""
     rig.pan_tilt.relax()
     free = read_here(rig, rig.pan_tilt.state(), duration_s)
     if held.field is None or free.field is None:
@@ -63,9 +63,9 @@ def torque_field(
     horizontal_ut: float,
     capture_angles: int,
 ) -> TorqueField:
-    """The difference of the readings, but for the turn of a head that gave way when it was let go.
+    """Difference of the readings, corrected for the rotation of a head that moved when the torque went off.
 
-    ``capture_angles`` is at how many pan angles a capture reads the compass before its pictures.
+    ``capture_angles`` is the number of pan angles at which a capture reads the compass before its pictures.
     """
     hard_ut = np.array(stage_hard_ut)
     changes = []

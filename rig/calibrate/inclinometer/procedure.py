@@ -1,4 +1,4 @@
-"""Calibrate the inclinometer: turn the head through many pan and tilt angles, read, fit, show."""
+"""Inclinometer calibration: move the head through many pan and tilt angles, read, fit, show."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -24,7 +24,7 @@ MOVED_LIMIT_DEG = 0.03
 
 
 def calibrate_inclinometer(run: CalibrationRun, angles: int, temperature_log: Path | None) -> None:
-    """Guide, measure, fit and write. ``CalibrationError`` with the reason where the result is not to be trusted."""
+    """Guide the operator, measure, fit and write. ``CalibrationError`` says why a result is rejected."""
     config, guide = run.config, run.guide
     drift_mg_c: Triple = config.inclinometer.drift_mg_c
     if temperature_log is not None:
@@ -74,9 +74,9 @@ def calibrate_inclinometer(run: CalibrationRun, angles: int, temperature_log: Pa
 
 
 def measure(rig: Rig, angles: int, say: Callable[[str], None]) -> list[TiltReading]:
-    """Read the head at ``angles`` pan angles, at tilt 0 and another tilt at each; the first position once more at the end.
+    """Read the head at ``angles`` pan angles, each at tilt 0 and another tilt; the first position again at the end.
 
-    ``CalibrationError`` where that one has changed: the vehicle has moved.
+    ``CalibrationError`` if that reading has changed: the vehicle has moved.
     """
     section = rig.config.inclinometer
     positions = stations(rig.config.pan_tilt, angles)
@@ -100,13 +100,13 @@ def measure(rig: Rig, angles: int, say: Callable[[str], None]) -> list[TiltReadi
 
 
 def reading_of(joints: JointAngles, level: HeadLevel, chip: str) -> TiltReading:
-    """A reading as the fit takes it: a two-axis chip has no z of its own."""
+    """A reading as input of the fit; a two-axis chip has no z of its own."""
     x, y, z = level.mean_g
     return TiltReading(joints, (x, y, np.nan if chip == "iis2iclx" else z), level.temperature_c)
 
 
 def stations(section: PanTiltSection, angles: int) -> list[JointAngles]:
-    """Where to read: pan angles all round, at each tilt 0 and one of ``TILTS_DEG`` as far as the head reaches."""
+    """Joint positions: pan angles over the full range, each with tilt 0 and one of ``TILTS_DEG`` within the limits."""
     pan, tilt = section.pan, section.tilt
     pans_deg = np.linspace(pan.min_deg + FROM_LIMIT_DEG, pan.max_deg - FROM_LIMIT_DEG, angles)
     tilts_deg = [

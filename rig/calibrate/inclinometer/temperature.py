@@ -1,4 +1,4 @@
-"""How the accelerometer's zero drifts with temperature, from a log of a head that did not move."""
+"""Temperature drift of the accelerometer's zero, from a log of a head that did not move."""
 
 import csv
 import io
@@ -32,7 +32,7 @@ MAX_LOG_BYTES = 100_000_000
 
 @dataclass(frozen=True)
 class Drift:
-    """Change of the zero error with each degree, per head axis, thousandths of g, and its sigma."""
+    """Change of the zero error per degree Celsius and head axis, mg, and its sigma."""
 
     drift_mg_c: Triple
     sigma_mg_c: Triple
@@ -62,7 +62,7 @@ def record_temperature_log(
 
 
 def read_drift(path: Path) -> Drift:
-    """The drift in a log. ``CalibrationError`` where it cannot be read, is too short, or the head moved meanwhile."""
+    """The drift in a log. ``CalibrationError`` if it cannot be read, is too short, or the head moved."""
     log = _read(path)
     temperature, vectors = log[:, 0], log[:, 1:]
     span_c = float(np.ptp(temperature))
