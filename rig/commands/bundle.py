@@ -1,4 +1,4 @@
-"""``rig bundle``: what can be done with bundles afterwards."""
+"""``rig bundle``: commands on existing bundles."""
 
 import json
 from pathlib import Path

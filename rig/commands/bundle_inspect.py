@@ -1,4 +1,4 @@
-"""``rig bundle list``, ``show`` and ``verify``: what bundles hold, and whether they are whole."""
+"""``rig bundle list``, ``show`` and ``verify``: content and integrity of bundles."""
 
 import csv
 import json
@@ -26,7 +26,7 @@ json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON."
 
 
 def loaded(paths: tuple[Path, ...]) -> Iterator[tuple[Path, Bundle | BundleError]]:
-    """The bundles in some folders, each of which may be one, whole or damaged. ``BundleError`` where there is none."""
+    """The bundles in some folders or bundle directories, valid or damaged. ``BundleError`` if there is none."""
     for folder in paths:
         if not folder.is_dir():
             what = "is no folder" if folder.exists() else "is no folder, and no file either"
@@ -189,7 +189,7 @@ def verify(paths: tuple[Path, ...], as_json: bool) -> int:
 
 
 def _verified(paths: tuple[Path, ...]) -> Iterator[tuple[str, str | None]]:
-    """Each bundle's place, and what is wrong with it."""
+    """Each bundle's path, and its defect or None."""
     for path in paths:
         try:
             if is_archive(path):

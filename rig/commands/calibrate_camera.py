@@ -1,4 +1,4 @@
-"""``rig calibrate camera``, and the board that it looks at."""
+"""``rig calibrate camera``, and ``rig calibrate board``, which draws its calibration target."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Options that several commands of ``rig calibrate`` share, and what they give."""
+"""Options shared by the commands of ``rig calibrate``, and their conversion."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 Command = Callable[..., Any]
 
-# What fits and draws is slow to import: functions import it.
+# Fitting and plotting modules are slow to import: functions import them.
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print the result as one JSON object.")
 at_option = click.option(
@@ -39,7 +39,7 @@ target_option = click.option(
 
 @dataclass(frozen=True)
 class Asked:
-    """What every calibration is told on the command line."""
+    """The options common to all calibrations."""
 
     config_file: Path | None
     out_dir: Path | None
@@ -48,7 +48,7 @@ class Asked:
 
     @contextmanager
     def session(self) -> Iterator["CalibrationRun"]:
-        """The calibration begins; a signal ends it through its clean-up."""
+        """The calibration in progress; a signal ends it with clean-up."""
         from rig.calibrate.run import CalibrationRun
 
         session = CalibrationRun.open(self.config_file, self.out_dir, self.yes, self.as_json)
@@ -107,7 +107,7 @@ def place_sigma_options(command: Command) -> Command:
 
 
 def known_place_of(at: str, dem_paths: tuple[Path, ...], option: str = "--at") -> "KnownPlace":
-    """The place that ``option`` names, on the elevation files; ``UsageError`` where it is none."""
+    """The place named by ``option``, on the elevation files; ``UsageError`` for an invalid one."""
     from rig.calibrate.boresight.known_place import known_place, parse_place
 
     if not dem_paths:
@@ -120,7 +120,7 @@ def known_place_of(at: str, dem_paths: tuple[Path, ...], option: str = "--at") -
 
 
 def target_of(text: str) -> "CalibrationTarget":
-    """The board that ``--board`` names; ``UsageError`` where it is none."""
+    """The calibration target named by ``--board``; ``UsageError`` for an invalid one."""
     from rig.calibrate.camera.target import parse_target
 
     try:

@@ -1,4 +1,4 @@
-"""``rig calibrate boresight`` at a known place, and ``rig calibrate sites``, which names such places."""
+"""``rig calibrate boresight`` at a known place, and ``rig calibrate sites``, which recommends such places."""
 
 import json
 from dataclasses import asdict

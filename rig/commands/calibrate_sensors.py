@@ -1,4 +1,4 @@
-"""``rig calibrate inclinometer``, ``temperature-log``, ``compass`` and ``altimeter``: the sensors that need no skyline."""
+"""``rig calibrate inclinometer``, ``temperature-log``, ``compass`` and ``altimeter``: calibrations without a skyline."""
 
 import json
 from pathlib import Path

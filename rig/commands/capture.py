@@ -22,7 +22,8 @@ from rig.config.model import RigConfig
 if TYPE_CHECKING:
     from localizer.dem.lattice import Dem
 
-# What measures and searches is slow to import, and bad input should be told at once: the functions import it.
+# Measuring and searching modules are slow to import; functions import them, so that bad input is reported at
+# once.
 
 
 @click.command()
@@ -124,7 +125,7 @@ def capture(
 
 @contextmanager
 def _telemetry(config: RigConfig, file: Path | None) -> Iterator[None]:
-    """Record into the file, else into one named by the time where the configuration says so."""
+    """Record telemetry into the file, else into one named by the time if the configuration has a folder for it."""
     if file is None and config.rig.telemetry_dir is not None:
         file = config.rig.telemetry_dir / f"{wall_clock():%Y%m%dT%H%M%SZ}.mcap"
     if file is None:
@@ -212,7 +213,7 @@ def _take_series(
 
 
 def _configured_dem(config: RigConfig, path: Path) -> DemChoice:
-    """What ``rig run`` searches."""
+    """The DEM that ``rig run`` searches."""
     if config.run is None:
         raise click.UsageError(
             "--locate: say where with --dem FILE; there is no [run] dem in the configuration."

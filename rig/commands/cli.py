@@ -1,4 +1,4 @@
-"""The command ``rig``: what an operator does with the head, its sensors and its camera."""
+"""The command ``rig``: group of all commands for the head, its sensors and its camera."""
 
 import json
 import logging

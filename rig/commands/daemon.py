@@ -13,7 +13,7 @@ from rig.config.run import control_socket_of_invalid_config
 from rig.errors import ConfigError
 
 EXIT_STATUS = {"started": 0, "busy": 3, "not ready": 4, "stopping": 5}
-"""Of ``rig trigger``, by the daemon's answer."""
+"""Exit statuses of ``rig trigger``, by the daemon's answer."""
 
 
 @click.command()
@@ -55,7 +55,7 @@ def trigger(config_file: Path | None, as_json: bool) -> int:
 @config_option
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def status(config_file: Path | None, as_json: bool) -> None:
-    """Say how the running daemon is: devices, the last answer, and how often what has happened.
+    """Show the status of the running daemon: devices, last answer, event counts.
 
     Example: rig status --config vehicle.toml
     """
@@ -66,7 +66,9 @@ def status(config_file: Path | None, as_json: bool) -> None:
 
 
 def _answer(config_file: Path | None, request: str) -> dict[str, Any]:
-    """Of the daemon with this configuration; of one, too, that goes on with what it has read before this became bad."""
+    """The daemon's answer. A daemon that still runs with an earlier version of a now invalid configuration is found
+    too.
+    """
     from rig.daemon.control import ControlError, ask
     from rig.daemon.main_loop import run_of
 

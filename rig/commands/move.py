@@ -85,7 +85,7 @@ def move(
 
 
 def _turn(section: PanTiltSection, goal_deg: tuple[float, float] | None, park: bool) -> dict[str, Any]:
-    """Where the head stands after a move by joint angles, or after letting go where there is no goal."""
+    """Head position after a move by joint angles, or after switching the torque off if there is no goal."""
     from rig.devices.connect import open_pan_tilt
 
     with open_pan_tilt(section) as head:
@@ -100,7 +100,7 @@ def _turn(section: PanTiltSection, goal_deg: tuple[float, float] | None, park: b
 
 
 def _look_at(config: RigConfig, azimuth_deg: float, tilt_deg: float) -> dict[str, Any]:
-    """Where the head stands and the camera looks after it was turned to a true azimuth and a tilt."""
+    """Head and camera attitude after turning the camera to a true azimuth and a tilt."""
     from rig.attitude.kinematics import Head, JointAngles, joints_for
     from rig.capture import derive
     from rig.capture.averaged_readings import still_level

@@ -1,4 +1,4 @@
-"""``rig telemetry``: what is in the MCAP files of rig capture --telemetry."""
+"""``rig telemetry``: inspection and repair of the MCAP files of rig capture --telemetry."""
 
 import json
 from collections import Counter

@@ -16,7 +16,7 @@ from rig.config.load import config_path, load_config
 
 DEVICES = ("head", "inclinometer", "compass", "altimeter", "camera")
 HEARD_S = 15.0
-"""A camera or a port that is absent has said so by then."""
+"""An absent camera or port has failed by then."""
 
 
 @click.command()

@@ -1,4 +1,4 @@
-"""What the operator is told of a series: results on standard output, all else on standard error."""
+"""Console output of a series: results on standard output, everything else on standard error."""
 
 import json
 import time
@@ -16,7 +16,7 @@ from rig.series.summary import summary, summary_text
 
 
 class SeriesConsole:
-    """Reports on one series, in text or in JSON lines."""
+    """Console output of one series, as text or JSON lines."""
 
     def __init__(self, series: Series, as_json: bool) -> None:
         self._series = series
@@ -24,11 +24,11 @@ class SeriesConsole:
         self._begun_s = time.monotonic()
 
     def say(self, text: str) -> None:
-        """Something to know while it goes on."""
+        """Show a message during the series."""
         click.echo(text, err=True)
 
     def begins(self, *, goes_on: bool) -> None:
-        """Name the series' folder."""
+        """Show the series' folder."""
         series = self._series
         if goes_on:
             done = series.plan.repeat - len(series.left())
@@ -41,7 +41,7 @@ class SeriesConsole:
             self.say(f"series of {series.plan.repeat} into {series.folder}")
 
     def outcome(self, outcome: Outcome) -> None:
-        """One number: its bundle's directory, or why there is none; draws the bundle's picture."""
+        """Show one outcome: the bundle's directory, or why there is none; draws the bundle's picture."""
         series = self._series
         if outcome.reason is not None:
             self.say(f"rig: {outcome.number} of {series.plan.repeat}: {outcome.reason}")
@@ -52,7 +52,7 @@ class SeriesConsole:
         self._draw(outcome)
 
     def ends(self) -> None:
-        """Print the summary, and leave it in the folder."""
+        """Print the summary, and write it into the folder."""
         found = {**summary(self._series), "lasted_s": round(time.monotonic() - self._begun_s, 1)}
         if self._as_json:
             click.echo(json.dumps({"summary": found}))

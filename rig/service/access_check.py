@@ -1,15 +1,17 @@
-"""Whether the service's user can get at a program at all."""
+"""Checks whether the service's user can execute a program."""
 
 import stat
 import sys
 from pathlib import Path
 
 HOMES = Path("/home"), Path("/root"), Path("/run/user")
-"""Hidden from the service by ProtectHome."""
+"""Hidden from the service by systemd's ProtectHome."""
 
 
 def unreachable(rig: Path) -> str | None:
-    """Why the service could not run ``rig``: it, its Python or this code in a home, or behind a closed folder; else None."""
+    """Why the service could not run ``rig`` (it, its Python or this code is in a home directory or an inaccessible
+    folder); else None.
+    """
     import rig as package
 
     base = Path(sys.base_prefix)

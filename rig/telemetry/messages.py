@@ -1,4 +1,4 @@
-"""From what a session publishes to messages: topic, schema, time and JSON values.
+"""Converts published objects into messages: topic, schema, time and JSON values.
 
 Frames of reference, for Foxglove's 3D panel: ``world`` (east, north, up), ``vehicle``, ``head``, ``camera`` (OpenCV's axes).
 """
@@ -37,7 +37,7 @@ LEVEL = Attitude(0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Message:
-    """``fields`` are without their time, which the writer puts before them; ``monotonic_s`` tells it."""
+    """A message. ``fields`` lacks the timestamp, which the writer adds from ``monotonic_s``."""
 
     topic: str
     schema: Schema
@@ -46,7 +46,7 @@ class Message:
 
 
 def opening(config: RigConfig) -> list[Message]:
-    """What is known before anything happens: the lens, and how the camera sits in the head."""
+    """Messages at the start: the lens, and the camera's mounting in the head."""
     now_s = time.monotonic()
     camera = config.camera
     scale = THUMBNAIL_WIDTH / camera.width_px  # of the pictures in the file
@@ -70,7 +70,7 @@ def opening(config: RigConfig) -> list[Message]:
 
 
 def messages_of(item: object) -> Iterator[Message]:
-    """The messages that tell of ``item``; of what is none of this file's business, none."""
+    """The messages for ``item``; none for other types."""
     convert = _CONVERTERS.get(type(item))
     if convert is not None:
         yield from convert(item)

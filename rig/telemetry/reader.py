@@ -1,4 +1,4 @@
-"""Telemetry read back: to the end of a whole file, and as far as it goes in one that was cut off."""
+"""Reads telemetry files: whole ones to the end, truncated ones as far as they are readable."""
 
 import dataclasses
 import struct
@@ -19,7 +19,7 @@ from localizer.os_errors import why_not_read, why_not_written
 from rig.errors import RigError
 
 MAX_RECORD_BYTES = 64_000_000
-"""Of one record, or of what a chunk unpacks to; rig's own chunks have a megabyte."""
+"""Of one record, or of one uncompressed chunk; rig's own chunks have a megabyte."""
 MAX_WINDOW_BYTES = 1 << 27
 _DAMAGED = (
     McapError,
@@ -34,12 +34,12 @@ _DAMAGED = (
 
 
 class TelemetryReadError(RigError):
-    """No telemetry can be read there."""
+    """The file is no readable telemetry."""
 
 
 @dataclass(frozen=True)
 class Logged:
-    """One message as it is in the file."""
+    """One message as stored in the file."""
 
     channel: Channel
     schema: Schema | None
@@ -47,7 +47,7 @@ class Logged:
 
     @property
     def topic(self) -> str:
-        """What it is about."""
+        """The message's topic."""
         return str(self.channel.topic)
 
     def value(self) -> Any:
@@ -56,9 +56,9 @@ class Logged:
 
 
 class TelemetryFile:
-    """Messages in the order of the file. ``problem`` says after the last one why there are no more, None of a whole file.
+    """Messages in file order. After the last one ``problem`` says why reading stopped, None for a whole file.
 
-    Streamed: a file that was cut off has no index to seek by.
+    Read as a stream: a truncated file has no index.
     """
 
     def __init__(self, path: Path) -> None:
@@ -66,7 +66,7 @@ class TelemetryFile:
         self.problem: str | None = None
 
     def __iter__(self) -> Iterator[Logged]:
-        """Raises ``TelemetryReadError`` where the file cannot be read at all."""
+        """Raises ``TelemetryReadError`` if the file cannot be read at all."""
         try:
             with self.path.open("rb") as file:
                 yield from self._messages(file)
@@ -101,9 +101,9 @@ class TelemetryFile:
 
 
 def _records(file: IO[bytes]) -> Iterator[McapRecord]:
-    """All records, those in chunks among them. What a chunk unpacks to is limited before it is unpacked.
+    """All records, including those in chunks. The uncompressed size of a chunk is limited before it is decompressed.
 
-    ``StreamReader`` alone believes what a chunk says of its size, and has no limit for lz4.
+    ``StreamReader`` alone trusts a chunk's stated size, and has no limit for lz4.
     """
     bounded: Any = _Bounded(file)
     for record in StreamReader(
@@ -131,7 +131,7 @@ def _unpacked(compression: str, data: bytes) -> bytes:
 
 
 class _Bounded:
-    """A file that gives no more at once than a record may have, whatever a length in it says."""
+    """A file whose reads are limited to the largest record, whatever length is requested."""
 
     def __init__(self, file: IO[bytes]) -> None:
         self._file = file
@@ -143,7 +143,7 @@ class _Bounded:
 
 
 def mend(source: Path, target: Path) -> int:
-    """Write all messages that can be read into a new, whole, indexed file; how many there are."""
+    """Copy all readable messages into a new, complete, indexed file; returns their number."""
     count = 0
     try:
         with target.open("xb") as file:

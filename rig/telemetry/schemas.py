@@ -1,4 +1,4 @@
-"""The JSON schemas of the messages: Foxglove's own where it has one, so that its panels know them, else ours.
+"""JSON schemas of the messages: Foxglove's own where one exists, so that its panels know them, else ours.
 
 https://docs.foxglove.dev/docs/visualization/message-schemas: a time is {"sec", "nsec"}, bytes are base64.
 """

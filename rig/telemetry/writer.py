@@ -1,6 +1,7 @@
-"""The MCAP file: written in small pieces that a power cut leaves readable, by a thread of its own that holds nobody up.
+"""Writes the MCAP file in small chunks, in its own thread: a power cut loses at most the last chunk, and no caller
+blocks.
 
-A disk that refuses ends the telemetry, not the session.
+A disk error ends the telemetry, not the session.
 """
 
 import contextlib
@@ -32,14 +33,14 @@ END_S = 10.0
 
 
 class TelemetryError(RigError):
-    """The file cannot be made."""
+    """The file cannot be created."""
 
 
 @contextmanager
 def recording_telemetry(path: Path, config: RigConfig) -> Iterator[Path]:
-    """Record what the session publishes into ``path`` while the context lasts; a name that is taken gets a number.
+    """Record published objects into ``path`` while the context lasts; an existing name gets a number appended.
 
-    Yields the file's name. Raises ``TelemetryError`` where it cannot be made.
+    Yields the file's path. Raises ``TelemetryError`` if it cannot be created.
     """
     path, file = _new_file(path)
     recorder = _Recorder(file, path, config)
@@ -52,7 +53,7 @@ def recording_telemetry(path: Path, config: RigConfig) -> Iterator[Path]:
 
 
 class _Recorder:
-    """Takes from any thread; its own thread converts and writes."""
+    """Queues objects from any thread; its own thread converts and writes them."""
 
     def __init__(self, file: IO[bytes], path: Path, config: RigConfig) -> None:
         self._file, self._path = file, path
@@ -66,7 +67,7 @@ class _Recorder:
         self._thread.start()
 
     def take(self, item: object) -> None:
-        """Queue an item. Of frames two a second: each is large, and they are there to look at."""
+        """Queue an item. Frames are limited to two a second: they are large, and meant for viewing only."""
         if self._failed:
             return
         if isinstance(item, TimedFrame):
@@ -79,7 +80,7 @@ class _Recorder:
             self._lost += 1
 
     def end(self) -> None:
-        """Write what waits, and finish the file."""
+        """Write the queue and finish the file."""
         self._end.set()
         self._thread.join(END_S)
         if self._lost and not self._failed:
