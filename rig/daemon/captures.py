@@ -1,4 +1,4 @@
-"""One capture of the daemon: room in the spool, all devices, a bundle or the reason why there is none."""
+"""One capture of the daemon: free space in the spool, all devices, then a bundle or the reason for its failure."""
 
 import logging
 import time
@@ -21,7 +21,7 @@ _log = structlog.get_logger(__name__)
 
 
 class _Steps:
-    """A capture's steps go into the log; each is a sign of life."""
+    """Writes a capture's steps to the log; each one is a heartbeat."""
 
     def __init__(self, beat: Callable[[], None]) -> None:
         self._beat = beat
@@ -35,7 +35,7 @@ class _Steps:
 
 
 class Captures:
-    """Takes bundles into the spool, in the main thread, which a signal may interrupt."""
+    """Takes bundles into the spool, in the main thread, where signals arrive."""
 
     def __init__(
         self,
@@ -56,7 +56,7 @@ class Captures:
         self._odometer = odometer
 
     def take(self, source: TriggerSource, beat: Callable[[], None]) -> str | None:
-        """The new bundle's id; None where there is none, and then the board and the log say why."""
+        """Take a capture and return the new bundle's id; after a failure None, with the reason in daemon state and log."""
         begun_s = time.monotonic()
         try:
             with self._signals.deferring_stop():
@@ -137,11 +137,11 @@ class Captures:
         _log.log(level, f"capture {stage}", trigger=source, reason=reason)
 
     def interrupted(self, source: TriggerSource) -> None:
-        """Say that there is no bundle, for the daemon ends; that was asked for, and is no error."""
+        """Record that the capture was interrupted by the end of the daemon, which is no error."""
         self._ended("interrupted", source, "the daemon ends", logging.WARNING)
 
     def _ensure_safe_state(self, source: TriggerSource) -> None:
-        """The stop came at any moment: see to it that the head is let go, and that a bundle that is complete is known."""
+        """After a stop at any moment: ensure that the torque is off, and that a complete bundle is registered."""
         try:
             with open_pan_tilt(self._config.pan_tilt):
                 pass

@@ -1,4 +1,4 @@
-"""The daemon's control socket: one JSON object a line from whoever may write to it, one line back.
+"""The daemon's control socket: one JSON object per line as request, one line as answer.
 
 {"do": "trigger"}   {"answer": "started"}, {"answer": "not ready", "why": "camera: ..."}
 {"do": "status"}    the board, ``skyfix.status/1``
@@ -30,17 +30,17 @@ _log = logging.getLogger(__name__)
 LONGEST_REQUEST = 4096
 LONGEST_ANSWER = 8_000_000
 CLIENT_TIMEOUT_S = 2.0
-"""Whoever connects has said what he wants and taken the answer within this time, however he spreads it."""
+"""Time limit of a client for request and answer together."""
 MAX_CLIENTS = 16
-"""The one that has been there the longest goes when another comes: it has had more time than an honest one needs."""
+"""Limit of clients: beyond it the oldest is dropped; it has had more time than a well-behaved client needs."""
 BACKLOG = 128
-"""So many may come at once and wait to be taken in."""
+"""Length of the listen queue."""
 POLL_S = 0.25
 LONGEST_PATH = 107  # sockaddr_un
 
 
 class ControlError(RigError):
-    """The daemon cannot be spoken to."""
+    """The daemon cannot be reached."""
 
 
 @dataclass
@@ -49,14 +49,14 @@ class _Client:
     until_s: float
     received: bytearray = field(default_factory=bytearray)
     reply: bytes | None = None
-    """None while it has not asked."""
+    """None until the request is complete."""
 
 
 class ControlSocket:
-    """Listens until it is told to stop; its file is there as long as it does. No client waits for another."""
+    """Serves the socket until stopped; the socket's file exists as long. Clients do not block each other."""
 
     def __init__(self, path: Path, daemon_state: DaemonState, actions: Actions) -> None:
-        """``ControlError`` where there can be no socket."""
+        """``ControlError`` if the socket cannot be created."""
         self._path = path
         self._state = daemon_state
         self._actions = actions
@@ -78,12 +78,12 @@ class ControlSocket:
             ) from error
 
     def close(self) -> None:
-        """Take the socket away."""
+        """Remove the socket."""
         self._socket.close()
         self._path.unlink(missing_ok=True)
 
     def run(self, beat: Callable[[], None], stop: threading.Event) -> None:
-        """Answer until ``stop``: every answer is there at once."""
+        """Serve until ``stop``: every answer is available at once."""
         with selectors.DefaultSelector() as selector:
             selector.register(self._socket, selectors.EVENT_READ)
             while not stop.is_set():
@@ -120,7 +120,7 @@ class ControlSocket:
             )  # an honest one has asked already, and does not wait behind the others
 
     def _serve(self, selector: selectors.BaseSelector, client: _Client) -> None:
-        """One step: hear more of the question, or say more of the answer."""
+        """One step of a client: receive more of its request, or send more of the answer."""
         try:
             if client.reply is None:
                 part = client.socket.recv(LONGEST_REQUEST)
@@ -159,7 +159,7 @@ class ControlSocket:
 
 
 def _remove_stale_socket(path: Path) -> None:
-    """The socket of a daemon that was killed: the spool's lock says that there is no other. Nothing else is taken away."""
+    """Remove the socket of a killed daemon: the spool's lock shows that no other daemon runs. Nothing else is removed."""
     with suppress(FileNotFoundError):
         if not stat.S_ISSOCK(path.lstat().st_mode):
             raise ControlError(f"{path}: is something else than a socket; take it away, or see [run] control")
@@ -167,7 +167,7 @@ def _remove_stale_socket(path: Path) -> None:
 
 
 def _connect(daemon: socket.socket, path: Path, until_s: float) -> None:
-    """Where many have come at the same moment a Unix socket takes no more, at once and whatever its timeout: come again."""
+    """Connect with retries: a Unix socket with a full queue refuses at once, whatever its timeout."""
     while True:
         try:
             daemon.connect(str(path))
@@ -180,7 +180,7 @@ def _connect(daemon: socket.socket, path: Path, until_s: float) -> None:
 
 
 def ask(path: Path, request: str, timeout_s: float = 10.0) -> dict[str, Any]:
-    """What the daemon answers. ``ControlError`` where none listens at ``path``, or it does not answer in time."""
+    """The daemon's answer. ``ControlError`` if none listens at ``path``, or it does not answer in time."""
     until_s = time.monotonic() + timeout_s
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as daemon:
         daemon.settimeout(timeout_s)

@@ -10,7 +10,7 @@ POLL_S = 0.25
 
 
 class DeviceLocks:
-    """Who may use which device: one at a time. A capture takes all of them, and others let go when one is wanted."""
+    """Exclusive access to devices. A capture takes all of them; other users release theirs when a capture waits."""
 
     def __init__(self) -> None:
         self._locks = {name: threading.Lock() for name in ALL}
@@ -18,7 +18,7 @@ class DeviceLocks:
 
     @contextmanager
     def one(self, name: str) -> Iterator[None]:
-        """Use one device; not to be held for longer than it takes to read it once ``wanted``."""
+        """Hold one device; release it after the current reading once ``wanted``."""
         while self._wanted.is_set():
             time.sleep(POLL_S)
         with self._locks[name]:
@@ -26,12 +26,12 @@ class DeviceLocks:
 
     @property
     def wanted(self) -> bool:
-        """Whether a capture waits for the devices, or has them."""
+        """Whether a capture waits for the devices or holds them."""
         return self._wanted.is_set()
 
     @contextmanager
     def all(self) -> Iterator[None]:
-        """Use all of them, as soon as the others have let go."""
+        """Hold all devices, once the others have released theirs."""
         self._wanted.set()
         try:
             with ExitStack() as stack:

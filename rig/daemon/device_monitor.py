@@ -1,4 +1,4 @@
-"""Asks every device between captures whether it is there, and says so on the board; one that is missing is asked again."""
+"""Probes every device between captures and updates the daemon state; failed ones are probed again with back-off."""
 
 import threading
 import time
@@ -30,7 +30,7 @@ class _Device:
 
 
 class DeviceMonitor:
-    """Probes each device when it is due: working ones every ``check_every_s``, others after waits that double."""
+    """Probes working devices every ``check_every_s``, failed ones with a doubling back-off."""
 
     def __init__(
         self,
@@ -41,7 +41,7 @@ class DeviceMonitor:
         openers: Mapping[str, Opener] | None = None,
         restarts: ServoRestarts | None = None,
     ) -> None:
-        """``excluded`` are devices that somebody else watches."""
+        """``excluded`` are devices that another loop monitors."""
         assert config.run
         self._run = config.run
         self._state = daemon_state
@@ -67,12 +67,12 @@ class DeviceMonitor:
             stop.wait(POLL_S)
 
     def probe_now(self) -> None:
-        """Probe everything at the next opportunity: something has failed."""
+        """Probe all devices at the next opportunity, after a failure."""
         for device in self._devices.values():
             device.due_s = 0.0
 
     def capture_succeeded(self) -> None:
-        """A capture has just used what it needs: nothing is due."""
+        """A capture has just used the devices successfully: no probe is due."""
         self._restarts.capture_succeeded()
         due_s = time.monotonic() + self._run.check_every_s
         for name, device in self._devices.items():
@@ -115,12 +115,12 @@ class DeviceMonitor:
 
 
 def next_wait_s(wait_s: float, least_s: float, most_s: float) -> float:
-    """Doubled, within limits."""
+    """The next back-off: doubled, within limits."""
     return min(max(2.0 * wait_s, least_s), most_s)
 
 
 def note_device(daemon_state: DaemonState, name: str, problem: str | None, identity: str) -> None:
-    """Put a device's state on the board, and into the log where it has changed."""
+    """Update a device in the daemon state; log a change."""
     before = {device.name: device for device in daemon_state.snapshot().devices}.get(name)
     if problem is not None:
         daemon_state.set_device(name, "failing", problem)
@@ -133,5 +133,5 @@ def note_device(daemon_state: DaemonState, name: str, problem: str | None, ident
 
 
 def all_tried(daemon_state: DaemonState) -> bool:
-    """Whether every device has been asked once, and is known to work or not to."""
+    """Whether every device has been probed once."""
     return all(d.state != "connecting" for d in daemon_state.snapshot().devices if d.name in ALL)

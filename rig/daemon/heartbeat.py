@@ -1,4 +1,4 @@
-"""Proof of work: each of the daemon's loops says that it gets on, and the watchdog is kicked only while all of them do."""
+"""Heartbeats of the daemon's loops; the service manager's watchdog is reset only while all are on time."""
 
 import dataclasses
 import logging
@@ -14,7 +14,7 @@ from rig.daemon.notify import Notifier
 _log = logging.getLogger(__name__)
 
 CHECK_EVERY_S = 5.0
-"""Where no manager watches; else a third of its time, so that one datagram may be lost."""
+"""Check interval without a manager; else a third of its timeout, so that one datagram may be lost."""
 
 
 @dataclass
@@ -24,23 +24,23 @@ class _Loop:
     beat_monotonic_s: float
     thread: int
     failed: str | None = None
-    """The error that it ended with."""
+    """The error that ended the loop."""
 
 
 @dataclass(frozen=True)
 class StalledLoop:
-    """A loop that does not get on."""
+    """A loop without a timely heartbeat."""
 
     name: str
     why: str
-    """Since when its beat is missing and where in the program its thread is, or the error that ended it."""
+    """Since when its heartbeat is missing and where its thread is, or the error that ended it."""
 
     def __str__(self) -> str:
         return f"{self.name} {self.why}"
 
 
 class Heartbeats:
-    """The loops that have to get on, by name; to be used from any thread."""
+    """The supervised loops by name. Thread-safe."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -48,10 +48,11 @@ class Heartbeats:
 
     @contextmanager
     def watched(self, name: str, max_interval_s: float) -> Iterator[None]:
-        """Watch this thread's loop while the context lasts; ``max_interval_s`` from one beat to the next is in order.
+        """Supervise this thread's loop while the context lasts; ``max_interval_s`` is the longest allowed time between
+        heartbeats.
 
-        A loop that ends with an ``Exception`` stays on the list as one that does not get on, until it is begun anew; what else
-        ends one was asked for.
+        A loop that ends with an ``Exception`` stays listed as stalled until it is started again; other endings were
+        requested.
         """
         now = time.monotonic()
         loop = _Loop(max_interval_s, now + max_interval_s, now, threading.get_ident())
@@ -70,7 +71,7 @@ class Heartbeats:
                     del self._heartbeats[name]
 
     def beat(self, name: str, within_s: float | None = None) -> None:
-        """This loop gets on. ``within_s``: the next beat may take so long, once, for a step that takes its time."""
+        """A heartbeat of this loop. ``within_s`` allows the next one that long, once, for a slow step."""
         with self._lock:
             loop = self._heartbeats[name]
             loop.beat_monotonic_s = time.monotonic()
@@ -80,7 +81,7 @@ class Heartbeats:
             loop.thread = threading.get_ident()
 
     def stuck(self) -> tuple[StalledLoop, ...]:
-        """The loops that do not get on."""
+        """The stalled loops."""
         with self._lock:
             named = [(name, dataclasses.replace(loop)) for name, loop in self._heartbeats.items()]
         now = time.monotonic()
@@ -95,7 +96,7 @@ class Heartbeats:
 
 
 def _where(thread: int) -> str:
-    """The innermost of our own lines that this thread executes: below it are only libraries that wait."""
+    """The innermost line of our code in this thread's stack; library frames below it only wait."""
     innermost = frame = sys._current_frames().get(thread)
     if frame is None:
         return "its thread has ended"
@@ -108,7 +109,9 @@ def _where(thread: int) -> str:
 
 @contextmanager
 def watchdog(heartbeats: Heartbeats, notifier: Notifier) -> Iterator[None]:
-    """Kick the manager's watchdog while all loops get on and the context lasts; else say in log and status which hangs."""
+    """Reset the manager's watchdog while all loops are alive and the context lasts; else log and report the stalled
+    one.
+    """
     ended = threading.Event()
     thread = threading.Thread(target=_watch, args=(heartbeats, notifier, ended), name="watchdog", daemon=True)
     thread.start()

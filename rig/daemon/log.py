@@ -1,7 +1,7 @@
 """The daemon's log: one line an event on standard error, values as ``key=value``; repeated lines are rate-limited.
 
-Under systemd (``JOURNAL_STREAM`` names standard error) each line begins with its priority, ``<6>`` and the like, and the
-journal knows the time; elsewhere it begins with the time. What other modules log in sentences comes out in the same form.
+Under systemd (``JOURNAL_STREAM`` is standard error) each line begins with its priority, ``<6>`` and the like, and the
+journal adds the time; elsewhere it begins with the time. Messages of other modules get the same form.
 """
 
 import logging
@@ -19,12 +19,14 @@ from rig.daemon.log_rate_limit import RateLimitHandler
 from rig.daemon.state import DaemonState
 
 PRIORITIES = {"critical": 2, "error": 3, "warning": 4, "info": 6, "debug": 7}
-"""Of syslog(3), as sd-daemon(3) wants them in front of a line."""
+"""Priorities of syslog(3), as sd-daemon(3) puts them before a line."""
 
 
 @contextmanager
 def logging_to(daemon_state: DaemonState, environment: Mapping[str, str] = os.environ) -> Iterator[None]:
-    """Log to standard error while the context lasts; the board's subscribers hear the same lines as events ``log``."""
+    """Log to standard error while the context lasts; subscribers of the daemon state receive the same lines as events
+    ``log``.
+    """
     before: list[structlog.typing.Processor] = [
         structlog.stdlib.add_log_level,
         structlog.processors.format_exc_info,
@@ -44,7 +46,7 @@ def logging_to(daemon_state: DaemonState, environment: Mapping[str, str] = os.en
     root = logging.getLogger()
     old, root.handlers = root.handlers, [rate_limit]
     root.setLevel(logging.INFO)
-    # What was overcome is in the bundle; a bad contact would fill the log with it.
+    # Recovered faults are in the bundle; a bad contact would flood the log with them.
     logging.getLogger("rig.fault_notes").setLevel(logging.WARNING)
     try:
         yield
@@ -54,7 +56,7 @@ def logging_to(daemon_state: DaemonState, environment: Mapping[str, str] = os.en
 
 
 def goes_to_the_journal(environment: Mapping[str, str]) -> bool:
-    """Whether standard error is the journal's own (systemd.exec(5), ``JOURNAL_STREAM``)."""
+    """Whether standard error is connected to the journal (systemd.exec(5), ``JOURNAL_STREAM``)."""
     stream = environment.get("JOURNAL_STREAM")
     if not stream:
         return False
@@ -63,7 +65,7 @@ def goes_to_the_journal(environment: Mapping[str, str]) -> bool:
 
 
 class _ToDaemonState(logging.Handler):
-    """Lines for whoever follows the events."""
+    """Passes log lines on as events."""
 
     def __init__(self, daemon_state: DaemonState) -> None:
         super().__init__(logging.INFO)

@@ -1,8 +1,8 @@
-"""Lines of the log that come too often: the first few of a kind are written, of the rest how many there were.
+"""Rate limit for log lines: the first few of a kind are written, the others counted.
 
-What comes from outside (clients that are refused, noise on a line, a link that breaks) can come any number of times a
-second, and a journal that is full of one line has lost all others. A kind is the logger, the level and the text before its
-values are put in; the values of an event that tell what it is of (``device``, ``bundle``) belong to its kind, too.
+External causes (refused clients, line noise, a flapping link) can occur many times a second and would flush everything
+else out of the journal. A kind is the logger, the level and the text before its values are inserted; values that
+identify the subject of an event (``device``, ``bundle``) belong to its kind, too.
 """
 
 import logging
@@ -13,9 +13,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 FIRST, EVERY_S = 10, 60.0
-"""Of a warning or an error so many are written at once, then one in so long, with the number of those that were left out."""
+"""Burst of warnings and errors per kind, then one per this interval, with the number suppressed."""
 FIRST_NOTES, EVERY_NOTE_S = 60, 2.0
-"""Of what only tells how things go."""
+"""The same for informational lines."""
 MAX_KINDS = 256
 WHOSE = ("device", "name", "bundle", "source", "trigger", "answer", "step")
 PLACEHOLDER = re.compile(r"%[-#0 +]*\d*(?:\.\d+)?[a-zA-Z%]")
@@ -31,12 +31,12 @@ class _Budget:
 
 
 class RateLimitHandler(logging.Handler):
-    """Passes records on to other handlers, those of one kind only so often."""
+    """Handler that passes records on to other handlers, rate-limited by kind."""
 
     def __init__(
         self, *handlers: logging.Handler, on_suppressed: Callable[[int], None] = lambda count: None
     ) -> None:
-        """``on_suppressed`` hears of every line that is left out."""
+        """``on_suppressed`` is called with the number of suppressed lines."""
         super().__init__()
         self._handlers = handlers
         self._on_suppressed = on_suppressed
@@ -44,7 +44,7 @@ class RateLimitHandler(logging.Handler):
         self._budgets_lock = threading.Lock()
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Pass a record on, or count it. What was counted is told before the next record of any kind, once it is time."""
+        """Pass a record on, or count it. Counts are written before the next record of any kind, once due."""
         now_s = time.monotonic()
         with self._budgets_lock:
             passed, due = self._spent(kind_of(record), now_s), self._due(now_s)
@@ -56,7 +56,7 @@ class RateLimitHandler(logging.Handler):
             self._on_suppressed(1)
 
     def close(self) -> None:
-        """Tell what is still to be told."""
+        """Write the remaining counts."""
         with self._budgets_lock:
             rest = [(kind, budget.suppressed) for kind, budget in self._budgets.items() if budget.suppressed]
             self._budgets.clear()
@@ -85,7 +85,7 @@ class RateLimitHandler(logging.Handler):
         return True
 
     def _due(self, now_s: float) -> list[tuple[Kind, int]]:
-        """Kinds of which something was left out and another line might be written now."""
+        """Kinds with suppressed lines that may be written again."""
         due = []
         for kind, budget in self._budgets.items():
             if budget.suppressed and budget.left + (now_s - budget.at_s) / _rate(kind)[1] >= 1.0:
@@ -96,7 +96,7 @@ class RateLimitHandler(logging.Handler):
 
 
 def kind_of(record: logging.LogRecord) -> Kind:
-    """What counts as the same line again."""
+    """The kind of a record."""
     message = record.msg
     if isinstance(message, dict):  # structlog's events
         whose = " ".join(f"{key}={message[key]}" for key in WHOSE if key in message)
@@ -108,7 +108,7 @@ def kind_of(record: logging.LogRecord) -> Kind:
 
 
 def _rate(kind: Kind) -> tuple[float, float]:
-    """How many of a kind at once, and one in how many seconds after them."""
+    """Burst and interval of a kind."""
     return (FIRST, EVERY_S) if kind[1] >= logging.WARNING else (FIRST_NOTES, EVERY_NOTE_S)
 
 

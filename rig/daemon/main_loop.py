@@ -1,4 +1,4 @@
-"""What the daemon's main thread does with one configuration: captures, and what comes up between them."""
+"""The daemon's main thread with one configuration: captures, and housekeeping between them."""
 
 import queue
 import time
@@ -35,17 +35,17 @@ POLL_S = 0.25
 CLOCK_STEP_S = 1.0
 ODOMETER_EVERY_S = 5.0
 TRYING_S, COMPILING_S = 30.0, 120.0
-"""So long the start waits at most for a device to be tried, and for kernels that have to be compiled."""
+"""Limits of the start: for probing the devices, and for compiling kernels."""
 
 MainLoopRequest = TriggerSource | Literal["reload"] | BaseException
-"""A capture to take, a configuration to read, an error to end with."""
+"""A capture to take, a configuration to reload, or an error to end with."""
 RequestQueue = queue.SimpleQueue[MainLoopRequest]
-"""What the other loops have for the main thread."""
+"""Requests of other loops to the main thread."""
 
 
 @dataclass(frozen=True)
 class NextConfiguration:
-    """The next configuration, and a search process that has read its DEM where that is another one."""
+    """The next configuration, and a search process with its DEM loaded if that differs."""
 
     config: RigConfig
     worker: SearchProcess | None
@@ -61,17 +61,17 @@ def run_of(config: RigConfig, path: Path) -> RunSection:
 
 
 def start_worker(run: RunSection) -> SearchProcess:
-    """A search process, which has still to read its DEM."""
+    """Start a search process, which then loads its DEM."""
     return SearchProcess(run.dem, run.search.memory_mb, run.search.time_s, chosen_dem=run.chosen_dem)
 
 
 def _searched(run: RunSection) -> tuple[object, ...]:
-    """What a search process is started with."""
+    """The parameters of a search process."""
     return run.chosen_dem, run.search
 
 
 def worker_with_terrain(run: RunSection, beat: Callable[[], None]) -> SearchProcess:
-    """A search process that has read its DEM. ``SearchFailedError`` where it cannot."""
+    """A search process with its DEM loaded. ``SearchFailedError`` if that fails."""
     worker = start_worker(run)
     worker.beat = beat
     try:
@@ -83,7 +83,7 @@ def worker_with_terrain(run: RunSection, beat: Callable[[], None]) -> SearchProc
 
 
 class MainLoop:
-    """Runs until another configuration is asked for."""
+    """Runs until the configuration is reloaded."""
 
     def __init__(
         self,
@@ -113,12 +113,12 @@ class MainLoop:
         self._status = ""
 
     def run(self, beat: Callable[[], None], started: Callable[[], None]) -> NextConfiguration:
-        """Take captures as they are asked for. Raises what another loop ended with.
+        """Take captures on request. Raises the error of any other loop that ended.
 
-        ``started`` is called when the DEM has been read, all devices have been tried, and the kernels for pictures need not be
-        compiled in this process, which would keep 60 MB for that; so whoever waits for the daemon may ask for a capture then.
-        Devices keep it waiting for ``TRYING_S``, kernels for ``COMPILING_S`` at most. Raises ``SearchFailedError`` before that
-        where the DEM cannot be used.
+        ``started`` is called when the DEM is loaded, all devices have been probed, and the kernels for pictures are
+        compiled elsewhere (in this process they would keep 60 MB): from then on captures can be requested. It waits at
+        most ``TRYING_S`` for devices and ``COMPILING_S`` for kernels. Raises ``SearchFailedError`` before that if the
+        DEM cannot be used.
         """
         self._state.set_activity("connecting")
         connecting, begun_s = True, time.monotonic()
@@ -168,13 +168,13 @@ class MainLoop:
         release_free_heap()
 
     def give_up(self) -> None:
-        """The daemon ends before a capture that was answered ``started`` has begun."""
+        """The daemon ends before a capture that was answered ``started`` began."""
         while (request := pending_request(self._requests)) is not None:
             if request != "reload" and not isinstance(request, BaseException):
                 self._captures.interrupted(request)
 
     def _take_started(self, beat: Callable[[], None]) -> None:
-        """A capture that was answered ``started`` while the next configuration was read is still taken, with this one."""
+        """Take a capture that was answered ``started`` during a reload, with the present configuration."""
         again = False
         while (request := pending_request(self._requests)) is not None:
             if isinstance(request, BaseException):
@@ -187,7 +187,7 @@ class MainLoop:
             self._requests.put("reload")
 
     def _reload(self, beat: Callable[[], None]) -> NextConfiguration | None:
-        """The configuration of the file as it is now; None where it is bad, and the one in force stays."""
+        """Reload the configuration file; None if it is invalid, and the present one stays."""
         self._notifier.reloading()
         try:
             config = load_config(self._path)
@@ -223,7 +223,7 @@ class MainLoop:
 
 
 def keep_odometer(spool: Spool, odometer: Odometer) -> None:
-    """Remember the way for a restart."""
+    """Save the odometer's state for a restart."""
     try:
         spool.remember(ODOMETER, odometer.to_json())
     except SpoolError as error:
@@ -231,7 +231,7 @@ def keep_odometer(spool: Spool, odometer: Odometer) -> None:
 
 
 def pending_request(requests: RequestQueue) -> MainLoopRequest | None:
-    """What is in the inbox already; None where there is nothing."""
+    """The next pending request; None if there is none."""
     try:
         return requests.get_nowait()
     except queue.Empty:
@@ -239,14 +239,16 @@ def pending_request(requests: RequestQueue) -> MainLoopRequest | None:
 
 
 def refused(daemon_state: DaemonState, problem: str) -> None:
-    """Say that a new configuration is not taken, and why."""
+    """Record that a new configuration was refused, and why."""
     daemon_state.count("configurations refused")
     daemon_state.emit("status", configuration="refused", reason=problem)
     _log.error("configuration refused", problem=problem, kept="the one in force")
 
 
 def status_line(snapshot: Snapshot) -> str:
-    """How the daemon is, for people: what it does, what ails it, and the last fix with its time, which does not grow old."""
+    """Status line for the service manager: activity, faults, and the last fix with its time (an age would become
+    outdated).
+    """
     parts: list[str] = [snapshot.activity]
     if wrong := clock.problem():
         parts.append(wrong)

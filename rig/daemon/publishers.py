@@ -1,4 +1,4 @@
-"""Which publishers a configuration asks for. Each is imported only then: what it needs may be an extra that is absent."""
+"""Starts the configured publishers. Each is imported only if needed, as it may require an optional extra."""
 
 from contextlib import ExitStack
 
@@ -20,7 +20,7 @@ def publish(
     spool: Spool,
     heartbeats: Heartbeats,
 ) -> None:
-    """Enter the publisher of each section that there is, to be left with ``stack``. ``RigError`` where one cannot begin."""
+    """Start the publisher of each configured section; ``stack`` ends them. ``RigError`` if one cannot start."""
     if run.http:
         from rig.daemon.http import serving
 

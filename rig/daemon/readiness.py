@@ -1,14 +1,13 @@
-"""Why no capture is possible at this moment, for whoever asks for one and for whoever wants to know why there was none."""
+"""Readiness for a capture, and the reason if there is none."""
 
 from rig.daemon.state import DaemonState, Snapshot
 
 NEEDED = ("head", "inclinometer", "camera")
-"""Without these there is no capture. Without a compass the search turns the whole circle, without an altimeter it looks at
-every altitude."""
+"""Devices required for a capture. Without a compass the search covers all headings, without an altimeter all altitudes."""
 
 
 def why_not_ready(daemon_state: DaemonState) -> str | None:
-    """In a few words, None where a capture is possible: the daemon starts, devices do not work, the spool takes none."""
+    """Short reason; None if a capture is possible: the daemon starts, devices fail, or the spool is full."""
     now = daemon_state.snapshot()
     if now.activity in ("starting", "connecting"):
         return "still starting"
@@ -17,7 +16,7 @@ def why_not_ready(daemon_state: DaemonState) -> str | None:
 
 
 def why_not_ready_in_full(daemon_state: DaemonState) -> str:
-    """The same in full, each device with its fault."""
+    """The full reason, with the fault of each device."""
     now = daemon_state.snapshot()
     faults = {device.name: device.detail or device.state for device in now.devices}
     if now.activity in ("starting", "connecting"):

@@ -1,4 +1,4 @@
-"""The daemon with one configuration: all that runs side by side, and what it is composed of."""
+"""Runs the daemon with one configuration: creates all parts and their threads."""
 
 import queue
 import threading
@@ -34,20 +34,21 @@ from rig.daemon.triggers import Triggers
 _log = structlog.get_logger(__name__)
 
 END_S = 3.0
-"""Loops that have not ended by then when the daemon ends, end with the process."""
+"""Loops still running after this at the end of the daemon end with the process."""
 RELOAD_END_S = 30.0
 REQUEST_POLL_S = 0.25
 STORAGE_EVERY_S = 10.0
 USUAL_BEAT_S, SLOW_BEAT_S, CAPTURE_BEAT_S = 30.0, 120.0, 300.0
-"""From one sign of life to the next: of a loop that only waits; of one that opens devices; of captures, where levelling and
-heading are one step, of several moves, repetitions and recoveries, on a computer that may be busy."""
+"""Heartbeat limits: of a loop that only waits; of one that opens devices; of captures, where level and heading are one
+step of several moves and retries, on a busy computer.
+"""
 
 Run = Callable[[Callable[[], None], threading.Event], None]
 
 
 @dataclass
 class DaemonContext:
-    """What outlives one configuration. ``worker`` is a search process that has read the DEM of the next session."""
+    """What outlives one configuration. ``worker`` is a search process with the next configuration's DEM loaded."""
 
     path: Path
     daemon_state: DaemonState
@@ -59,10 +60,10 @@ class DaemonContext:
 
 
 def run_configuration(config: RigConfig, shared: DaemonContext, started: Callable[[], None]) -> RigConfig:
-    """Run with a configuration until another one is asked for, which is returned.
+    """Run with a configuration until a reload; returns the next configuration.
 
-    ``started`` is called when everything runs and every device has been tried; a ``SkyfixError`` before that says what cannot.
-    ``StopRequestedError`` ends it.
+    ``started`` is called when everything runs and all devices have been probed; a ``SkyfixError`` before that says what
+    failed. ``StopRequestedError`` ends it.
     """
     run, daemon_state = run_of(config, shared.path), shared.daemon_state
     with ExitStack() as stack:
@@ -134,7 +135,7 @@ def run_configuration(config: RigConfig, shared: DaemonContext, started: Callabl
 
 
 def _why_not_ready(daemon_state: DaemonState, spool: Spool) -> str | None:
-    """Why no capture is possible, the room in the spool looked at now: the next answer is ``started`` only where it will be."""
+    """Why no capture is possible, with the spool's space checked now, so that ``started`` is answered only if it is."""
     _look_at_storage(daemon_state, spool)
     return why_not_ready(daemon_state)
 
@@ -142,7 +143,7 @@ def _why_not_ready(daemon_state: DaemonState, spool: Spool) -> str | None:
 def _watch_storage(
     daemon_state: DaemonState, spool: Spool, beat: Callable[[], None], stop: threading.Event
 ) -> None:
-    """A disk is filled by others, and emptied by whoever has read why nothing is captured."""
+    """Check the disk space regularly: other programs fill it, and operators free it."""
     while not stop.is_set():
         beat()
         _look_at_storage(daemon_state, spool)
@@ -170,7 +171,7 @@ def _forward_signal_requests(
     beat: Callable[[], None],
     stop: threading.Event,
 ) -> None:
-    """A loop of its own: the main thread, which gets the signals, may be in the middle of a capture."""
+    """A separate loop: the main thread, which receives the signals, may be in a capture."""
     while not stop.is_set():
         beat()
         try:
@@ -190,7 +191,7 @@ def _running(
     stop: threading.Event,
     requests: RequestQueue,
 ) -> Iterator[None]:
-    """A thread for each loop while the context lasts. One that ends with an error puts that into the inbox."""
+    """A thread for each loop while the context lasts. An error of a loop is passed to the main thread's requests."""
 
     def run(name: str, loop: Run, max_interval_s: float) -> None:
         try:

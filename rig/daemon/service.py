@@ -1,4 +1,4 @@
-"""The daemon from its start to its end: one configuration after the other."""
+"""The daemon from start to end: one configuration after the other."""
 
 import os
 import time
@@ -24,7 +24,7 @@ _log = structlog.get_logger(__name__)
 
 
 def serve(path: Path, environment: Mapping[str, str] = os.environ) -> None:
-    """Run until SIGTERM or SIGINT. ``SkyfixError`` where it cannot start: nothing has moved then."""
+    """Run until SIGTERM or SIGINT. ``SkyfixError`` if it cannot start; nothing has moved then."""
     config = load_config(path)
     check_named_files(run_of(config, path), path)
     notifier = notifier_of(environment)
@@ -51,9 +51,10 @@ def serve(path: Path, environment: Mapping[str, str] = os.environ) -> None:
 def _run_configurations(
     config: RigConfig, shared: DaemonContext, tell_started: Callable[[float], None]
 ) -> None:
-    """A session after the other. One that cannot start after another has run is refused, and the other one goes on.
+    """Run one configuration after the other. One that cannot start after another has run is refused, and the previous
+    one continues.
 
-    ``tell_started`` is told how many seconds a session took until it ran; the first counts from the start of the process.
+    ``tell_started`` gets the seconds until a configuration ran; the first counts from the start of the process.
     """
     in_force: RigConfig | None = None
     runs = False

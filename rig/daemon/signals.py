@@ -1,7 +1,7 @@
-"""The daemon's signals: SIGTERM and SIGINT end it, SIGHUP has the configuration read anew, SIGUSR1 asks for a capture.
+"""The daemon's signals: SIGTERM and SIGINT stop it, SIGHUP reloads the configuration, SIGUSR1 requests a capture.
 
-Only the first that ends it interrupts the main thread, and not within ``deferring_stop``. A handler takes no lock: it may
-interrupt whoever holds it.
+Only the first stop signal interrupts the main thread, and not within ``deferring_stop``. The handlers take no locks, as
+they may interrupt the holder of one.
 """
 
 import os
@@ -14,17 +14,17 @@ from types import FrameType, TracebackType
 from typing import Literal, Self
 
 KILL_AFTER_S = 9.0
-"""After that the process ends whatever it does; the head was let go first of all."""
+"""After this time the process is ended by force; the torque is switched off first."""
 
 SignalRequest = Literal["reload", "trigger"]
 
 
 class StopRequestedError(BaseException):
-    """The daemon is to end. No ``Exception``: nobody but the daemon itself may take care of it."""
+    """The daemon has to stop. Not an ``Exception``: only the daemon itself may handle it."""
 
 
 class Signals:
-    """Takes the signals while the context lasts. To be used by the main thread, but for ``requests``."""
+    """Handles the signals while the context lasts. For the main thread, except ``requests``."""
 
     def __init__(self) -> None:
         self.requests: queue.SimpleQueue[SignalRequest] = queue.SimpleQueue()
@@ -50,7 +50,7 @@ class Signals:
 
     @contextmanager
     def deferring_stop(self) -> Iterator[None]:
-        """What is begun here is ended, before a stop that came meanwhile is raised."""
+        """Defer a stop signal until the end of the context."""
         self._shields += 1
         try:
             yield

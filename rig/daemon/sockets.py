@@ -1,4 +1,4 @@
-"""Addresses of the configuration as sockets."""
+"""Sockets for the configured addresses."""
 
 import errno
 import socket
@@ -7,7 +7,7 @@ from rig.errors import RigError
 
 
 def why_not_listening(error: OSError) -> str:
-    """Why an address cannot be listened on, and what to do."""
+    """Why listening on an address failed, and what to do."""
     remedy = {
         errno.EADDRINUSE: "end what listens there (another rig run?), or give another port",
         errno.EACCES: "give a port from 1024 on: those below are for root",

@@ -1,4 +1,4 @@
-"""Captures when the vehicle comes to rest: the inclinometer's own noise tells whether it moves."""
+"""Capture trigger for a vehicle that has become stationary, from the accelerometer's noise."""
 
 import math
 import threading
@@ -23,17 +23,17 @@ from rig.errors import DeviceError
 _log = structlog.get_logger(__name__)
 
 SETTLING_S = 2.0
-"""A head that was let go may sink; that is no movement of the vehicle."""
+"""The head may sink when the torque goes off; that is no motion of the vehicle."""
 MAX_CAPTURES = 3
-"""So many fail at one rest before the next is waited for."""
+"""Failed captures at one stop before the next stop is awaited."""
 SAMPLES_A_SECOND = 8
-"""Enough for a standard deviation; more would keep a small computer busy."""
+"""Enough for a standard deviation at a low load."""
 
 
 class StationaryDetector:
-    """Says once when a vehicle that moved has been still for long enough.
+    """Detects once that a vehicle that moved has been stationary for long enough (debounced).
 
-    At the beginning it counts as having moved: nobody has looked from here yet.
+    Initially it counts as having moved: there is no capture from here yet.
     """
 
     def __init__(self, section: RestTrigger) -> None:
@@ -43,7 +43,7 @@ class StationaryDetector:
         self._still_since_s: float | None = None
 
     def take(self, noise_mg: float, now_s: float) -> bool:
-        """The noise over the last second, at a monotonic time. True: it has just come to rest."""
+        """Add the noise over the last second, at a monotonic time. True: it has just become stationary."""
         if noise_mg > self._section.still_mg:
             if not self._moved:
                 _log.info("vehicle moves", noise_mg=round(noise_mg, 1))
@@ -54,26 +54,28 @@ class StationaryDetector:
         return self._moved and now_s - self._still_since_s >= self._section.still_s
 
     def captured(self) -> None:
-        """It has been looked from here."""
+        """A capture was taken here."""
         self._moved = False
 
     def failed(self) -> None:
-        """The capture came to nothing: it is worth another, but not for ever, for it may be night."""
+        """The capture failed: retry a limited number of times, as it may be night."""
         self._failures += 1
         self._moved = self._failures < MAX_CAPTURES
 
     def interrupted(self) -> None:
-        """Nobody has watched since the last reading: stillness counts from the next."""
+        """Readings were interrupted: the stationary time starts again."""
         self._still_since_s = None
 
 
 class StationaryMonitor:
-    """Reads the inclinometer between captures, asks for one when the vehicle has come to rest, tells how the chip is."""
+    """Reads the inclinometer between captures, requests a capture when the vehicle is stationary, and reports the
+    chip's state.
+    """
 
     def __init__(
         self, config: RigConfig, daemon_state: DaemonState, device_locks: DeviceLocks, ask: Callable[[], bool]
     ) -> None:
-        """``ask`` asks for a capture and says whether it will be taken."""
+        """``ask`` requests a capture and returns whether it was accepted."""
         assert config.run
         assert config.run.rest
         self._section = config.inclinometer
@@ -87,7 +89,7 @@ class StationaryMonitor:
         """How many captures had been done when one was asked for; None once it is known what came of it."""
 
     def run(self, beat: Callable[[], None], stop: threading.Event) -> None:
-        """Watch until ``stop``."""
+        """Monitor until ``stop``."""
         wait_s = 0.0
         while not stop.is_set():
             beat()

@@ -1,4 +1,4 @@
-"""Requests for a capture: each is answered at once and counted, and at most one is carried out at a time."""
+"""Capture requests: each is answered at once and counted; at most one is carried out at a time."""
 
 import threading
 from collections.abc import Callable
@@ -11,9 +11,9 @@ _log = structlog.get_logger(__name__)
 
 
 class Triggers:
-    """Takes requests from any thread (not from a signal handler: it locks) and hands them to the one who captures.
+    """Takes requests from any thread (not from a signal handler: it locks) and passes them to the capturing thread.
 
-    ``why_not_ready`` says why no capture is possible now, None where it is.
+    ``why_not_ready`` returns why no capture is possible now, or None.
     """
 
     def __init__(
@@ -30,7 +30,7 @@ class Triggers:
         self._stopping = False
 
     def trigger(self, source: TriggerSource) -> TriggerAnswer:
-        """Ask for a capture; answered at once, nothing is queued."""
+        """Request a capture; answered at once, nothing is queued."""
         why_not_ready = self._why_not_ready()
         with self._lock:
             answer: TriggerAnswer = (
@@ -54,11 +54,11 @@ class Triggers:
         return answer
 
     def done(self) -> None:
-        """The capture that was started has ended, whatever it came to."""
+        """The started capture has ended, with or without success."""
         with self._lock:
             self._busy = False
 
     def stop(self) -> None:
-        """From now on every request is answered ``stopping``."""
+        """Answer every further request with ``stopping``."""
         with self._lock:
             self._stopping = True

@@ -1,4 +1,4 @@
-"""From a configuration to open devices, one function each, and all of them together."""
+"""Opens the devices of a configuration: one function each, and all together."""
 
 from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
@@ -38,7 +38,7 @@ Altimeter = Sensor[PressureReading]
 
 @dataclass(frozen=True)
 class Rig:
-    """All devices, open; None where the configuration has none."""
+    """All open devices; None for one that is not configured."""
 
     config: RigConfig
     pan_tilt: PanTilt
@@ -47,7 +47,7 @@ class Rig:
     altimeter: Altimeter | None
     camera: Camera
     readers: Executor
-    """Threads for sensors that are read at the same time; no sensor in two at once."""
+    """Threads for reading sensors in parallel; each sensor is read by one thread at a time."""
 
 
 def open_inclinometer(section: InclinometerSection) -> Inclinometer:

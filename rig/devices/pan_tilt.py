@@ -1,4 +1,4 @@
-"""The pan and tilt head: degrees in, degrees out, and torque off whatever happens.
+"""The pan-tilt head: moves and states in degrees; the torque is off after use in every case.
 
 Pan is clockwise-positive seen from above, tilt up-positive; 0, 0 is where both servos stand at their
 ``zero_tick``.
@@ -34,7 +34,7 @@ _POLL_S = 0.02
 _STILL_S = 0.2
 _STILL_TICKS = 1  # encoder noise
 _RELAX_REPLUG_S = 0.5  # on the way out there is little patience for a port that is gone
-# A proportional controller droops under the camera's weight; more than this is something in the way.
+# A proportional controller droops under the camera's weight; a larger error means an obstacle.
 _GOAL_TOLERANCE_DEG = 1.0
 _COMMAND_LATENCY_S = 0.3  # from the reading of where a moving head is to its new goal, on a busy computer
 _PATH_TOLERANCE_DEG = (
@@ -43,14 +43,14 @@ _PATH_TOLERANCE_DEG = (
 
 
 class StoppedError(TransientError):
-    """The head stopped on its way although nothing is in it: nobody spoke to it, or it lost its torque."""
+    """The head stopped during a move without an obstacle: bus watchdog, or lost torque."""
 
 
 @dataclass(frozen=True)
 class HeadState:
-    """Where the head is and how its servos are; pairs are (pan, tilt), volts in V, temps in °C.
+    """State of the head; pairs are (pan, tilt), volts in V, temps in °C.
 
-    ``alerts`` are sentences that name the servo and its hardware error, empty where all is well.
+    ``alerts`` are sentences with the servo and its hardware error; empty if there are none.
     """
 
     pan_deg: float
@@ -64,14 +64,13 @@ class HeadState:
 
 
 class PanTilt:
-    """The head, connected and without torque. Use it as a context manager: leaving it switches the torque
-    off.
+    """The head, connected, torque off. Use it as a context manager: leaving it switches the torque off.
 
-    Connecting checks that both servos are there and of the configured model, undoes what other programs have left in them,
-    and gives them mode, limits and speed. Raises ``DeviceError`` where port or servos are absent, others, or broken.
+    Connecting checks presence and model of both servos, resets settings of other programs, and configures mode, limits
+    and speed. Raises ``DeviceError`` if port or servos are absent, wrong or broken.
 
-    The servos' own bus watchdog is armed by ``move_to`` and disarmed once ``wait_settled`` has seen the head
-    stand: a program that dies lets the head stop, and one that measures for some seconds need not talk to it.
+    ``move_to`` enables the servos' bus watchdog, and ``wait_settled`` disables it once the head is stationary: the head
+    stops if the program dies during a move, and a program that measures for seconds need not send packets.
     """
 
     def __init__(self, parameters: PanTiltParameters) -> None:
@@ -142,10 +141,10 @@ class PanTilt:
         )
 
     def go_to(self, pan_deg: float, tilt_deg: float) -> HeadState:
-        """Move to both angles, round the keep-out zones, and wait until the head stands there.
+        """Move to both angles, around the keep-out zones, and wait until the head has settled.
 
-        A head that lost its torque or was stopped by its bus watchdog on the way is set up anew and sent on. Raises
-        what ``move_to`` and ``wait_settled`` raise.
+        A head that lost its torque or was stopped by its bus watchdog is set up again and continues. Raises as
+        ``move_to`` and ``wait_settled``.
         """
         self._goal_ticks(pan_deg, tilt_deg)
         state = self.state()
@@ -162,9 +161,9 @@ class PanTilt:
     def _with_take_up(
         self, here: tuple[float, float], stops: list[tuple[float, float]]
     ) -> list[tuple[float, float]]:
-        """The stops, and before the last, where the pan comes to it from above, one a little below.
+        """The waypoints, with one slightly below the last if the pan approaches it from above.
 
-        Every reading is then taken with the play in the gears on the same side, and what all have in common does no harm.
+        All readings are then taken with the backlash on the same side, and a common error does no harm.
         """
         pan_deg, tilt_deg = stops[-1]
         from_deg = stops[-2][0] if len(stops) > 1 else here[0]
@@ -188,10 +187,10 @@ class PanTilt:
         return [axis.goal_tick(a) for axis, a in zip(self._axes, (pan_deg, tilt_deg), strict=True)]
 
     def move_to(self, pan_deg: float, tilt_deg: float) -> None:
-        """Start straight towards both angles; ``wait_settled`` waits for the end.
+        """Start a direct move to both angles; ``wait_settled`` waits for its end.
 
-        Raises ``GoalError`` before anything moves where an angle is outside its limits or the way leads through a
-        keep-out zone, ``DeviceError`` where a servo reports a hardware error, was turned beyond its range by hand, or cannot
+        Raises ``GoalError`` before anything moves if an angle is outside its limits or the path leads through a
+        keep-out zone, ``DeviceError`` if a servo has a hardware error, was turned beyond its range by hand, or cannot
         be commanded.
         """
         goals = self._goal_ticks(pan_deg, tilt_deg)
@@ -219,7 +218,7 @@ class PanTilt:
         self._goal_deg = pan_deg, tilt_deg
 
     def require_one_turn(self, state: HeadState) -> None:
-        """Raise ``DeviceError`` where a servo has been turned out of its range by hand: torque would send it the long way."""
+        """Raise ``DeviceError`` if a servo was turned beyond one turn by hand: torque would move it the long way."""
         for servo, tick in zip(self._servos, state.ticks, strict=True):
             servo.require_one_turn(tick)
 
@@ -234,7 +233,7 @@ class PanTilt:
             raise
 
     def _enable_torque(self, axis: Axis) -> None:
-        """Torque on and watchdog armed, with the configured speed, whatever happened since the last move."""
+        """Torque on, watchdog enabled and profile set, whatever happened since the last move."""
         servo = axis.servo
         torque = retry(partial(servo.read, "Torque Enable"))
         if not torque or servo.servo_id not in self._holding:  # never on yet, let go, or power was lost
@@ -244,7 +243,7 @@ class PanTilt:
             retry(partial(servo.hold, axis.min_tick, axis.max_tick))
             self._holding.add(servo.servo_id)
         elif retry(servo.bus_watchdog_tripped):
-            # The head stopped because nobody spoke to it. A new goal is a wish to go on: clear it on purpose.
+            # The bus watchdog tripped. A new goal means that the program is alive again, so clear it.
             note_fault(servo.name, "had been stopped by its bus watchdog", "cleared and sent on")
             retry(servo.disarm_bus_watchdog)
             speed = self._parameters.velocity_deg_s, self._parameters.acceleration_deg_s2
@@ -253,7 +252,7 @@ class PanTilt:
             retry(partial(servo.arm_bus_watchdog, self._parameters.bus_watchdog_ms / 1000))
 
     def state(self) -> HeadState:
-        """Angles and health, from one sync read. Raises ``DeviceError`` naming a silent servo."""
+        """Angles and servo health, from one sync read. Raises ``DeviceError`` with the name of a silent servo."""
         states = retry(partial(read_states, self._bus, self._servos))
         pan, tilt = states
         state = HeadState(
@@ -287,12 +286,11 @@ class PanTilt:
             raise DeviceError(_HEAD, problem, "remove the cause, then power-cycle the servos")
 
     def wait_settled(self, timeout_s: float | None = None) -> HeadState:
-        """Wait until the head stands: no servo moving and no position changing for 0.2 s. Returns the state
+        """Wait until the head is stationary: no servo moving and no position changing for 0.2 s. Returns the state
         then.
 
-        Asking keeps the bus watchdog fed. ``timeout_s`` is by default the configured ``settle_timeout_s``.
-        Raises ``DeviceError`` where the head still moves then, reports a hardware error, or stands away from
-        its goal.
+        Polling resets the bus watchdog. ``timeout_s`` is by default the configured ``settle_timeout_s``. Raises
+        ``DeviceError`` if the head still moves then, reports a hardware error, or is away from its goal.
         """
         deadline = Deadline.after(self._parameters.settle_timeout_s if timeout_s is None else timeout_s)
         state = self.state()
@@ -320,8 +318,8 @@ class PanTilt:
         return state
 
     def _require_on_path(self, state: HeadState) -> None:
-        """Let go at once, for good, and raise ``DeviceError``, where the head goes another way than that between the ends of
-        its move, which is the way that the keep-out zones were compared with, or into one of these.
+        """Switch the torque off and raise ``DeviceError`` if the head leaves the rectangle between the ends of its move
+        (for which the keep-out zones were checked) or enters a zone.
         """
         if self._goal_deg is None:
             return
@@ -356,7 +354,7 @@ class PanTilt:
 
     @staticmethod
     def _require_power(axis: Axis, where: str) -> None:
-        """Raise ``StoppedError`` where a servo was stopped by its bus watchdog or has lost its torque."""
+        """Raise ``StoppedError`` if a servo was stopped by its bus watchdog or lost its torque."""
         if retry(axis.servo.bus_watchdog_tripped):
             raise StoppedError(
                 axis.servo.name,
@@ -371,7 +369,7 @@ class PanTilt:
             )
 
     def relax(self) -> None:
-        """Torque off, for each servo even where another fails. Raises ``DeviceError`` naming all failed."""
+        """Torque off for each servo, even if another fails. Raises ``DeviceError`` with all that failed."""
         self._goal_deg = None
         self._holding.clear()
         failures = []
@@ -388,14 +386,14 @@ class PanTilt:
             )
 
     def close(self) -> None:
-        """Torque off, and the port closed even where that fails. Raises ``DeviceError`` as ``relax`` does."""
+        """Torque off, and the port closed even if that fails. Raises ``DeviceError`` as ``relax`` does."""
         try:
             self.relax()
         finally:
             self._bus.close()
 
     def _close_after(self, error: BaseException) -> None:
-        """Close without hiding ``error``, which is on its way to the user."""
+        """Close without hiding ``error``, which is propagating."""
         try:
             self.close()
         except RigError as failure:

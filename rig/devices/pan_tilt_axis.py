@@ -12,7 +12,7 @@ TICK_DEG = 360.0 / table.TICKS_PER_TURN
 
 
 class Axis:
-    """One servo with the angles that its ticks stand for."""
+    """One servo with the conversion between ticks and angles."""
 
     def __init__(self, name: str, bus: ServoBus, parameters: AxisParameters) -> None:
         self.name = name

@@ -24,7 +24,7 @@ class AxisParameters(Protocol):
 
 
 class PanTiltParameters(Protocol):
-    """[pan_tilt] of the configuration, as far as the head needs it; ``rig.config.model`` has checked the ranges."""
+    """The part of [pan_tilt] that the head uses; ``rig.config.model`` has checked the ranges."""
 
     @property
     def port(self) -> str: ...

@@ -1,4 +1,4 @@
-"""A log of all raw bytes of a session: JSON lines, the first one a header, played back by ``sim replay``.
+"""Wire log: all raw bytes of a session as JSON lines, the first one a header; ``sim replay`` plays it back.
 
     {"skyfix_log": 1, "utc": "2026-11-24T15:00:00.000Z", "config": {...}}
     {"t": 0.012, "port": "/dev/serial/by-id/...", "sent": "fffffd00fe0300013142"}
@@ -36,11 +36,11 @@ class WireLogError(RigError):
 
 @contextmanager
 def recording_wire_log(path: Path, config: RigConfig) -> Iterator[None]:
-    """Record what passes on all ports and buses into ``path``, a new file, while the context lasts.
+    """Log the traffic of all ports and buses into ``path``, a new file, while the context lasts.
 
-    The header holds the configuration with its calibrations, without the camera's URLs, which may have a password. Where the
-    log cannot be written any more, say on a full disk, that is told and the devices are used without it.
-    Raises ``WireLogError`` where the file is there already or cannot be made.
+    The header holds the configuration with its calibrations, without the camera's URLs, which may contain a password.
+    If the log cannot be written any more, as on a full disk, that is reported and the devices continue. Raises
+    ``WireLogError`` if the file exists or cannot be created.
     """
     settings = config.model_dump(
         mode="json", exclude={"calibration": True, "camera": {"source"}}, exclude_none=True

@@ -1,8 +1,8 @@
-"""Who is answered: names that are this machine's, and for what acts whoever shows the token.
+"""Access control: accepts ``Host`` names of this machine only, and requires the token for actions.
 
-A page on the Internet can have its own name resolve to a loopback address and then read this server through the crew's
-browser. It cannot make the browser say another name than its own, so a name in ``Host`` has to be known; addresses are
-no names. What acts wants the token in a header, which no page from elsewhere can send.
+DNS rebinding: a page on the Internet can make its name resolve to a loopback address and read this server through the
+crew's browser. The browser still sends the page's own name as ``Host``, so unknown names are rejected; addresses are
+accepted. Actions require the token in a header, which a page of another origin cannot send.
 """
 
 import asyncio
@@ -32,9 +32,9 @@ _log = logging.getLogger(__name__)
 MIN_TOKEN = 16
 MAX_TOKEN_BYTES = 4096
 FIRST_DELAY_S, LONGEST_DELAY_S = 0.1, 3.0
-"""Of the answer to a wrong token; it doubles with each one."""
+"""Delay of the answer to a wrong token; it doubles with each one."""
 LONGEST_WAIT_S = 15.0
-"""With all that came before it."""
+"""Limit of the delay, including that of queued requests."""
 DISCONNECT_POLL_S = 0.25
 DELAY_RESET_S = 60.0
 LOG_EVERY_S = 60.0
@@ -52,10 +52,10 @@ HEADERS = {
 
 
 class HostCheck:
-    """Lets requests in that name this machine, and puts the security headers on all answers."""
+    """Middleware: rejects requests with a foreign ``Host``, and adds the security headers to all answers."""
 
     def __init__(self, app: ASGIApp, names: Iterable[str]) -> None:
-        """``names``: those by which this machine may be asked, beside its own and all addresses."""
+        """``names``: accepted names in addition to the machine's own and all addresses."""
         own = socket.gethostname().lower()
         self._app = app
         self._names = {"localhost", own, own.split(".")[0] + ".local", *(name.lower() for name in names)}
@@ -86,7 +86,7 @@ class HostCheck:
         await refusal(scope, receive, send_guarded)
 
     def knows(self, host: str) -> bool:
-        """Whether a ``Host`` header, with or without a port, names this machine or is any address."""
+        """Whether a ``Host`` header, with or without port, is a name of this machine or an address."""
         matched = re.fullmatch(r"(\[[0-9a-fA-F:.]+\]|[^:\[\]\s]+)(:\d{1,5})?", host)
         if not matched:
             return False
@@ -101,7 +101,7 @@ class HostCheck:
 
 
 def read_token(path: Path) -> str:
-    """The token in a file, without the white space around it. ``ConfigError`` where it cannot be used."""
+    """The token in a file, white space stripped. ``ConfigError`` if it cannot be used."""
     where = f"[run.http] token_file {path}"
     try:
         token = read_file(path, MAX_TOKEN_BYTES).decode("ascii").strip()
@@ -126,7 +126,7 @@ _bearer = HTTPBearer(auto_error=False, description="The content of [run.http] to
 
 
 class _WrongTokens:
-    """Wrong tokens: each is answered later than the one before, one after the other, and now and then a line tells of them."""
+    """Wrong tokens: increasing delays, one request at a time, and a rate-limited log line."""
 
     def __init__(self) -> None:
         self._lately = 0
@@ -134,7 +134,7 @@ class _WrongTokens:
         self._untold = 0
 
     async def wrong(self, request: Request) -> None:
-        """Wait as long as whoever asked is there, and perhaps tell: who has gone must not be one of many who are served."""
+        """Wait while the client is connected, and perhaps log: clients that left must not delay others."""
         now_s = time.monotonic()
         if now_s - self._last_s > DELAY_RESET_S:
             self._lately = 0
@@ -151,9 +151,10 @@ class _WrongTokens:
 
 
 def token_check(token: str | None, count: Callable[[str], None] = lambda what: None) -> Check:
-    """What a path that acts depends on: 403 where there is no token to show, 401 for a missing or a wrong one.
+    """Dependency of paths with an action: 403 without a configured token, 401 for a missing or a wrong one.
 
-    A wrong one is answered late, the right one never: who guesses keeps nobody out. ``count`` hears of it.
+    A wrong token is answered late, the right one at once: guessing does not lock out others. ``count`` is called for
+    wrong ones.
     """
     guesses = _WrongTokens()
 

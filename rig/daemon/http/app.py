@@ -1,4 +1,4 @@
-"""All paths of the server."""
+"""The FastAPI application with all paths."""
 
 import asyncio
 import re
@@ -47,7 +47,7 @@ from rig.version import package_version
 
 PAGE = Path(__file__).parent / "page"
 MAX_THREADS = 8
-"""For what reads the disk; one picture each is enough for a page."""
+"""Threads for requests that read the disk; one picture each is enough for the page."""
 LOOP, BEAT_S, MAX_INTERVAL_S = "http", 2.0, 30.0
 DESCRIPTION = (
     "Where the vehicle is, and how that is known. Reading is open to whoever reaches the server; what acts wants the "
@@ -69,7 +69,7 @@ def make_app(
     token: str | None,
     heartbeats: Heartbeats | None = None,
 ) -> FastAPI:
-    """The application; everything that it needs is given, and nothing else is reached."""
+    """Build the application. It uses only what is passed in."""
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
@@ -116,7 +116,7 @@ def make_app(
 
 @asynccontextmanager
 async def _sending_heartbeats(heartbeats: Heartbeats | None) -> AsyncIterator[None]:
-    """Beat for the server's loop while the context lasts."""
+    """Send heartbeats for the server's loop while the context lasts."""
     if heartbeats is None:
         yield
         return
@@ -135,7 +135,7 @@ async def _sending_heartbeats(heartbeats: Heartbeats | None) -> AsyncIterator[No
 
 
 class _Page(StaticFiles):
-    """The page's files; a browser asks each time whether they have changed."""
+    """The page's files, revalidated by the browser at each use."""
 
     def file_response(self, *args: Any, **kwargs: Any) -> Response:
         response = super().file_response(*args, **kwargs)

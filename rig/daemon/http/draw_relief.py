@@ -1,6 +1,6 @@
-"""A process of its own that draws a DEM: ``python -m rig.daemon.http.draw_relief DEM``, a ``DemChoice`` as JSON.
+"""Separate process that draws a DEM: ``python -m rig.daemon.http.draw_relief DEM``, a ``DemChoice`` as JSON.
 
-Standard output gets one line of JSON, the fields of ``MapSheet`` but for ``image``, and then the picture, WebP.
+Writes one line of JSON, the fields of ``MapSheet`` except ``image``, and then the picture (WebP) to standard output.
 """
 
 import json
@@ -20,9 +20,9 @@ MIN_PX, MAX_PX = 800, 2000
 PX_A_CELL = 2
 QUALITY = 85
 SCALES = 9
-"""Between them a map's scale runs straight to better than 1e-3."""
+"""Between these samples a map's scale is linear to better than 1e-3."""
 NICENESS = 5
-"""Nobody waits for a map while the head has to be moved."""
+"""The map has lower priority than the control of the head."""
 
 
 def main(choice: str) -> int:

@@ -1,4 +1,4 @@
-"""From the board's events, in threads, to the streams of the server's loop; and the last ones for who comes later."""
+"""Passes events of the daemon state from its threads to the server's streams; keeps the last ones for new streams."""
 
 import asyncio
 import threading
@@ -17,11 +17,11 @@ Stream = asyncio.Queue[Event | None]
 
 
 class TooManyStreamsError(Exception):
-    """No further stream is served for now."""
+    """The limit of streams is reached."""
 
 
 class EventStreams:
-    """One subscription for all streams. A stream that does not keep up is ended: its reader has to ask anew anyway."""
+    """One subscription for all streams. A stream that does not keep up is ended; its client has to reconnect."""
 
     def __init__(self, daemon_state: DaemonState) -> None:
         self._state = daemon_state
@@ -32,7 +32,7 @@ class EventStreams:
 
     @asynccontextmanager
     async def running(self) -> AsyncIterator[None]:
-        """Relay events to the running loop's streams while the context lasts."""
+        """Pass events to the streams of the running event loop while the context lasts."""
         self._loop = asyncio.get_running_loop()
         thread = threading.Thread(target=self._relay, name="http-events", daemon=True)
         thread.start()
@@ -51,10 +51,9 @@ class EventStreams:
         return list(self._recent)
 
     def before(self, last_number: int | None) -> list[Event]:
-        """What a new stream begins with: all since the event that its reader had last, as far as they are kept.
+        """The first events of a new stream: those since its client's last event, as far as they are kept.
 
-        Of a reader that had none, or one of before a restart: the latest answer, so that it knows of a fix that it comes into
-        the middle of.
+        For a client without a last event, or with one of before a restart: the latest answer.
         """
         recent = self.recent()
         if last_number is not None and recent and last_number <= recent[-1].number:
@@ -63,12 +62,14 @@ class EventStreams:
 
     @property
     def streams(self) -> int:
-        """How many are served."""
+        """Number of open streams."""
         return len(self._streams)
 
     @contextmanager
     def stream(self) -> Iterator[Stream]:
-        """Events from now on, None at their end; in the loop. ``TooManyStreamsError`` beyond ``MAX_STREAMS``."""
+        """Events from now on, None at the end; called in the event loop. ``TooManyStreamsError`` beyond
+        ``MAX_STREAMS``.
+        """
         if len(self._streams) >= MAX_STREAMS:
             raise TooManyStreamsError
         stream: Stream = asyncio.Queue(WAITING)

@@ -1,4 +1,4 @@
-"""``/healthz``: whether the daemon lives and could capture, in a few words, for whoever restarts or alarms."""
+"""``/healthz``: liveness and readiness of the daemon, for supervisors and alarms."""
 
 from fastapi import FastAPI
 from starlette.responses import JSONResponse
@@ -10,7 +10,9 @@ from rig.version import package_version
 
 
 def add_health(app: FastAPI, daemon_state: DaemonState, heartbeats: Heartbeats | None) -> None:
-    """200 while all of the daemon's loops get on, 503 where one does not. Not to be ready is no reason for a restart."""
+    """200 while all loops send heartbeats, 503 if one does not. Not being ready for a capture is no reason for a
+    restart.
+    """
 
     @app.get("/healthz", include_in_schema=False)
     async def healthz() -> JSONResponse:

@@ -1,22 +1,22 @@
-"""Connections over which nothing is asked are given up; uvicorn waits for ever for a first question or the rest of one."""
+"""Closes idle and slow connections; uvicorn waits without limit for a first request or the rest of one."""
 
 import asyncio
 
 from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 
 MAX_WAITING = 48
-"""So many connections may be open; one more, and the oldest of those that have asked nothing, or that are slow, goes."""
+"""Limit of open connections: beyond it the oldest idle or slow one is closed."""
 STREAM_PATH = "/events"
-"""Where an answer goes on and on, and few are let in (``rig.daemon.http.event_streams``)."""
+"""The path of streams, which have their own limit (``rig.daemon.http.event_streams``)."""
 REQUEST_TIMEOUT_S = 30.0
-"""Whoever has not put a whole question for so long, at most twice as long, is cut off. A stream is an answer that goes on."""
+"""A connection without a complete request is closed after one to two times this. A stream is a continuing answer."""
 
 
 class IdleTimeoutProtocol(H11Protocol):
-    """HTTP/1.1 as uvicorn speaks it, with an end to waiting for a question."""
+    """uvicorn's HTTP/1.1 protocol with an idle timeout."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Somebody has come: wait for what is asked."""
+        """A new connection: start its timeout."""
         super().connection_made(transport)
         self._since_s = self.loop.time()
         self._wait(None)
@@ -27,7 +27,7 @@ class IdleTimeoutProtocol(H11Protocol):
             min(there, key=lambda each: each._eviction_priority(self)).transport.abort()
 
     def _eviction_priority(self, newest: "IdleTimeoutProtocol") -> tuple[int, float]:
-        """Who has the least claim to stay, and of these the oldest, goes first: a question is put and answered in a moment."""
+        """Eviction order: lowest priority first, then oldest. A normal request takes only a moment."""
         if self is newest:
             claim = 4
         elif self.idle:
@@ -40,16 +40,16 @@ class IdleTimeoutProtocol(H11Protocol):
 
     @property
     def idle(self) -> bool:
-        """Whether nothing is being answered."""
+        """Whether no request is being answered."""
         return self.cycle is None or self.cycle.response_complete
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """There is nobody to wait for."""
+        """The connection is closed: stop its timeout."""
         self._waiting.cancel()
         super().connection_lost(exc)
 
     def _wait(self, answered: RequestResponseCycle | None) -> None:
-        """``answered`` is the question before, None where there was none."""
+        """``answered`` is the previous request, None if there was none."""
         self._waiting = self.loop.call_later(REQUEST_TIMEOUT_S, self._look, answered)
 
     def _look(self, answered: RequestResponseCycle | None) -> None:

@@ -1,4 +1,4 @@
-"""What a Prometheus server may collect: the board at the moment of asking, and how long answers took."""
+"""Prometheus metrics: the daemon state at the time of the request, and durations of answers."""
 
 import threading
 from collections.abc import Iterator
@@ -17,7 +17,7 @@ SECONDS = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0)
 
 
 def metrics_registry(daemon_state: DaemonState, event_streams: EventStreams) -> CollectorRegistry:
-    """A registry of its own: the process has others' metrics nowhere."""
+    """A separate registry: nothing of the default one is exported."""
     disable_created_metrics()  # type: ignore[no-untyped-call]  # when a histogram was made says nothing of the rig
     registry = CollectorRegistry()
     registry.register(_StateCollector(daemon_state, event_streams))
@@ -25,7 +25,7 @@ def metrics_registry(daemon_state: DaemonState, event_streams: EventStreams) -> 
 
 
 class _StateCollector(Collector):
-    """Reads the board when it is asked. Durations are taken from each answer once, whoever asks how often."""
+    """Reads the daemon state at each request. Each answer's durations are counted once, however many clients ask."""
 
     def __init__(self, daemon_state: DaemonState, event_streams: EventStreams) -> None:
         self._state = daemon_state
@@ -90,7 +90,7 @@ class _StateCollector(Collector):
 
 
 def _answer_metrics(last: Answer | None, last_fix: Answer | None, now: Instant) -> Iterator[Metric]:
-    """Absent as long as there is none: an age of 0 would be a lie."""
+    """Absent without an answer: an age of 0 would be wrong."""
     if last is not None:
         yield _gauge(
             "skyfix_answer_age_seconds", "Since the capture of the latest answer.", age_s(last.captured, now)

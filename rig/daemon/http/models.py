@@ -1,4 +1,4 @@
-"""What the server answers, as OpenAPI describes it. Times are UTC, ages and durations seconds."""
+"""Response models of the HTTP API, as OpenAPI describes them. Times are UTC, ages and durations seconds."""
 
 from datetime import datetime
 from typing import Any, Literal
@@ -223,12 +223,12 @@ def _answer_fields(answer: Answer) -> dict[str, Any]:
 
 
 def bundle_answer(answer: Answer) -> BundleAnswer:
-    """An answer of any time."""
+    """An answer as response model."""
     return BundleAnswer(**_answer_fields(answer))
 
 
 def latest_answer(answer: Answer, snapshot: Snapshot, valid_s: float, now: Instant) -> LatestAnswer:
-    """One of the snapshot's answers, with its age."""
+    """One of the snapshot's answers with its age and validity."""
     moved, place = snapshot.moved, answer.fix.position
     try:
         here = None if place is None else map_metres(place.crs, place.easting_m, place.northing_m)
@@ -261,7 +261,7 @@ def _matrix(values: NDArray[np.float64]) -> tuple[tuple[float, float], tuple[flo
 
 
 def state_of(snapshot: Snapshot, valid_s: float, can_act: bool, now: Instant) -> State:
-    """The board's snapshot with ages."""
+    """The daemon state's snapshot with ages."""
 
     def latest(answer: Answer | None) -> LatestAnswer | None:
         return latest_answer(answer, snapshot, valid_s, now) if answer else None
@@ -312,7 +312,7 @@ def bundle_item(entry: Entry) -> BundleItem:
 
 
 def track_point(entry: Entry) -> TrackPoint | None:
-    """Where a bundle's fix was; None where it is none."""
+    """A bundle's fix as track point; None if it is no fix."""
     answer = entry.answer
     if answer is None or answer.fix.status != "fix":
         return None

@@ -1,6 +1,6 @@
-"""What is taken in of a request before anything looks at it: a little body within a little time; and HEAD, which is GET unsaid.
+"""Limits of size and time for request bodies; and HEAD for all paths with GET.
 
-uvicorn takes any body of any size, in whatever time, and FastAPI answers HEAD only where a path says so
+uvicorn accepts bodies of any size and duration, and FastAPI answers HEAD only where a path declares it
 (https://github.com/Kludex/starlette/issues/890, https://github.com/fastapi/fastapi/issues/1773).
 """
 
@@ -13,15 +13,15 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 MAX_BODY_BYTES = 65_536
 BODY_TIMEOUT_S = 10.0
-"""For all of it, however it is spread."""
+"""For the whole body, in however many parts."""
 
 
 class _TooLargeError(Exception):
-    """More comes than is taken."""
+    """The body is larger than the limit."""
 
 
 class RequestLimits:
-    """Reads a body before the application runs: 413 for one that is too large, 408 for one that does not end."""
+    """Middleware: reads the body before the application runs; 413 if too large, 408 if too slow."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
@@ -51,7 +51,7 @@ class RequestLimits:
             await self._app(scope, receive, _with_head_allowed(send))
 
     async def _without_body(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """As GET is answered, status and headers only; what would go on after them, a stream, is ended."""
+        """Answer as GET, with status and headers only; a streaming answer is ended."""
         with anyio.CancelScope() as going_on:
 
             async def send_head(message: Message) -> None:
@@ -65,7 +65,7 @@ class RequestLimits:
 
 
 async def _body(headers: Headers, receive: Receive) -> bytes | None:
-    """All of a body; None where the connection was lost. What it claims to be is looked at first."""
+    """The whole body; None if the connection was lost. The stated length is checked first."""
     claimed = headers.get("content-length", "0")
     if not claimed.isdecimal() or len(claimed) > 12 or int(claimed) > MAX_BODY_BYTES:
         raise _TooLargeError
@@ -82,7 +82,7 @@ async def _body(headers: Headers, receive: Receive) -> bytes | None:
 
 
 def _replayed_body(body: bytes, receive: Receive) -> Receive:
-    """The body as one message; after it what comes from the connection."""
+    """The body as one message, followed by the connection's messages."""
     said = False
 
     async def receive_again() -> Message:
@@ -96,7 +96,7 @@ def _replayed_body(body: bytes, receive: Receive) -> Receive:
 
 
 def _with_head_allowed(send: Send) -> Send:
-    """Where a method is not allowed and GET is, HEAD is too."""
+    """Add HEAD to the allowed methods wherever GET is allowed."""
 
     async def send_allowed(message: Message) -> None:
         if message["type"] == "http.response.start" and message["status"] == 405:
@@ -110,5 +110,5 @@ def _with_head_allowed(send: Send) -> Send:
 
 
 async def _end(status: int, why: str, scope: Scope, receive: Receive, send: Send) -> None:
-    """Answer, and hear no more on this connection: the rest of the body would be read and thrown away, whatever its size."""
+    """Answer and close the connection: otherwise the rest of the body would be read and discarded."""
     await JSONResponse({"detail": why}, status, headers={"Connection": "close"})(scope, receive, send)

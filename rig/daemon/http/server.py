@@ -1,4 +1,4 @@
-"""uvicorn in a thread of the daemon, from the bound socket to the last stream ended."""
+"""Runs uvicorn in a thread of the daemon, from the bound socket to the end of the last stream."""
 
 import logging
 import socket
@@ -26,14 +26,14 @@ _log = logging.getLogger(__name__)
 
 MAX_CONNECTIONS = 64
 STREAMS_END_S = 1
-"""What still runs at the end has so long (whole seconds) before it is cut off."""
+"""Time (whole seconds) for running requests at shutdown before they are cut off."""
 STOP_S = 2.0
 SILENT_S = 30
-"""A connection whose other end acknowledges nothing for so long is given up: a phone that drove away."""
+"""A connection without acknowledgements for this long is closed, such as that of a phone out of range."""
 
 
 class HttpError(RigError):
-    """The server cannot be had where the configuration wants it."""
+    """The server cannot run at the configured address."""
 
 
 @contextmanager
@@ -45,7 +45,8 @@ def serving(
     dem: DemChoice | Sequence[Path],
     heartbeats: Heartbeats | None = None,
 ) -> Iterator[str]:
-    """Serve while the context lasts, and yield the URL; with port 0 the system chooses one. ``heartbeats`` get its beat.
+    """Serve while the context lasts, and yield the URL; with port 0 the system chooses one. ``heartbeats`` receive its
+    heartbeat.
 
     Raises ``ConfigError`` for a token that cannot be used, ``HttpError`` where the address is taken or not this machine's.
     """

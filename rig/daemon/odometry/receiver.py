@@ -1,4 +1,4 @@
-"""How the vehicle moved between captures, from what is fed over UDP: speeds and courses (NMEA VTG, RMC), or legs (JSON)."""
+"""Odometry between captures, received over UDP: speed and course (NMEA VTG, RMC), or legs (JSON)."""
 
 import math
 import threading
@@ -20,27 +20,27 @@ from rig.errors import MessageError
 _log = structlog.get_logger(__name__)
 
 GAP_S = 3.0
-"""Speeds further apart than this say nothing of what was between them ..."""
+"""Between speeds further apart than this the motion is unknown ..."""
 MAX_GAP_S = 60.0
-"""... but that it was not far, up to here; beyond it the way is unknown."""
+"""... but bounded, up to this gap; beyond it the leg is unknown."""
 GAP_SPEED_M_S = 1.0
-"""At least so much is uncertain in each second of a gap; the speed beside it where that is more."""
+"""Least uncertainty per second of a gap; the neighbouring speed if that is larger."""
 MISSED_LEGS_M_S = 15.0
-"""So much is uncertain in each second in which legs may have been missed: nothing tells how fast it was."""
+"""Uncertainty per second in which legs may have been missed: nothing bounds the speed."""
 INDEPENDENT_M = 50.0
-"""Slip and steering after so much way are independent of those before."""
+"""Errors of slip and steering are independent after this distance."""
 FLOOR_M = 0.5
 STATIONARY_M_S = 0.3
-"""Up to here it may be the noise of a vehicle that stands."""
+"""Up to this speed it may be the noise of a stationary vehicle."""
 LARGEST_DATAGRAM = 4096
 
 
 class OdometryState(BaseModel):
-    """The way since the last capture; JSON both ways, so that a restart goes on with it.
+    """Dead reckoning since the last capture; stored as JSON, so that a restart continues it.
 
-    ``step_m`` (east, north); ``random_m2`` the variance in each direction of what is independent along the way;
-    ``aimless_m`` how far it went in directions that nobody told; ``legs_m2`` the covariance that legs brought with them;
-    ``unknown`` once part of the way is.
+    ``step_m`` (east, north); ``random_m2`` the variance per direction of errors independent along the way;
+    ``aimless_m`` the distance driven without a known course; ``legs_m2`` the covariance sent with legs; ``unknown``
+    once any part is.
     """
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
@@ -56,20 +56,20 @@ class OdometryState(BaseModel):
     legs_step_m: tuple[float, float] = (0.0, 0.0)
     legs_m2: tuple[tuple[float, float], tuple[float, float]] = ((0.0, 0.0), (0.0, 0.0))
     leg_heard_s: float | None = None
-    """When the latest leg was heard of, of this way or one before."""
+    """Time of the latest leg, in this leg or before."""
     speed_m_s: tuple[float, float] | None = None
-    """East and north, when last heard of; of one without a course only the size counts. At that monotonic time:"""
+    """Last velocity, east and north; only its size counts if ``without_course``. Received at this monotonic time:"""
     heard_s: float = 0.0
     without_course: bool = False
 
 
 class Odometer:
-    """Adds up the way. Used from several threads; times are monotonic."""
+    """Dead reckoning. Thread-safe; times are monotonic."""
 
     def __init__(self, section: OdometryInput, at_s: float, state: str | None = None) -> None:
-        """``state`` is what ``to_json`` gave before a restart, which ends at ``at_s``.
+        """``state`` is the result of ``to_json`` before a restart that ends at ``at_s``.
 
-        Without one, or with one of another run of the computer, nothing is known of the way up to the next capture.
+        Without it, or with one of another boot, the motion up to the next capture is unknown.
         """
         self._section = section
         self._lock = threading.Lock()
@@ -79,12 +79,12 @@ class Odometer:
         self._before: OdometryState | None = None
 
     def to_json(self) -> str:
-        """For a restart."""
+        """The state for a restart."""
         with self._lock:
             return self._odometry_state.model_dump_json()
 
     def velocity(self, velocity: Velocity, at_s: float) -> None:
-        """The vehicle moves so at this moment."""
+        """Add a measured velocity."""
         with self._lock:
             course = math.radians(velocity.course_deg or 0.0)
             now = velocity.speed_m_s * math.sin(course), velocity.speed_m_s * math.cos(course)
@@ -103,7 +103,7 @@ class Odometer:
             self._odometry_state.without_course = without_course
 
     def leg(self, leg: Movement | None, at_s: float) -> None:
-        """The vehicle has moved by so much since the last one; None: anywhere."""
+        """Add a leg since the last one; None: an unknown one."""
         with self._lock:
             self._odometry_state.fed, self._odometry_state.leg_heard_s = True, at_s
             if leg is None:
@@ -115,12 +115,12 @@ class Odometer:
             self._odometry_state.legs_m2 = (float(c[0, 0]), float(c[0, 1])), (float(c[1, 0]), float(c[1, 1]))
 
     def mark_unknown(self) -> None:
-        """Nobody knows where the way began: it is unknown up to the next capture."""
+        """Mark the motion as unknown up to the next capture."""
         with self._lock:
             self._odometry_state.unknown = True
 
     def movement(self, at_s: float) -> Movement | None:
-        """From the last ``restart`` to this moment; None where it is unknown."""
+        """The motion since the last ``begin``; None if it is unknown."""
         with self._lock:
             if self._odometry_state.speed_m_s is not None and at_s - self._odometry_state.heard_s > GAP_S:
                 self._add(self._odometry_state.speed_m_s, at_s, self._odometry_state.without_course)
@@ -140,9 +140,9 @@ class Odometer:
             return Movement(step_m + np.array(self._odometry_state.legs_step_m), covariance_m2)
 
     def begin(self, at_s: float) -> Movement | None:
-        """``movement``, and the way begins anew: a capture is taken here. What is fed goes on.
+        """Return ``movement`` and start anew at a capture; input continues meanwhile.
 
-        ``keep`` or ``undo_capture`` follows.
+        ``keep`` or ``undo_capture`` must follow.
         """
         movement = self.movement(at_s)
         with self._lock:
@@ -159,12 +159,12 @@ class Odometer:
         return movement
 
     def keep(self) -> None:
-        """The capture has its bundle."""
+        """The capture produced a bundle."""
         with self._lock:
             self._before = None
 
     def undo_capture(self) -> None:
-        """The capture came to nothing: the way since the one before goes on. Where none has begun, nothing changes."""
+        """The capture failed: continue from the one before. Without a begun capture nothing changes."""
         with self._lock:
             before, now = self._before, self._odometry_state
             if before is None:
@@ -185,7 +185,7 @@ class Odometer:
             self._before = None
 
     def _add(self, now_m_s: tuple[float, float], at_s: float, aimless: bool) -> None:
-        """The way since the last speed, at the mean of both; in any direction where ``aimless``."""
+        """Add the distance since the last speed, at the mean of both; in an unknown direction if ``aimless``."""
         way, section = self._odometry_state, self._section
         assert way.speed_m_s is not None
         seconds = max(0.0, at_s - way.heard_s)
@@ -206,10 +206,9 @@ class Odometer:
 
 
 def _way_after_restart(state: str | None, at_s: float) -> OdometryState | None:
-    """The way that goes on; None where nothing is left of it.
+    """The restored state; None if it cannot be used.
 
-    Speeds show by themselves how long nobody listened. Legs do not: each that came meanwhile, or that was heard but not
-    kept any more, is missing, and went on from the latest that is known.
+    Speeds show the gap by their times. Legs do not: those sent during the gap are missing.
     """
     if state is None:
         return None
@@ -231,12 +230,12 @@ def _sum(first: tuple[float, float], second: tuple[float, float]) -> tuple[float
 
 
 class OdometryListener:
-    """Hears datagrams, each of them lines of NMEA 0183 or of JSON, until it is told to stop."""
+    """Receives datagrams of NMEA 0183 or JSON lines until stopped."""
 
     def __init__(
         self, section: OdometryInput, odometer: Odometer, moving: Callable[[], None] = lambda: None
     ) -> None:
-        """``moving`` is called at each speed of a vehicle that moves. ``RigError`` where the address cannot be listened on."""
+        """``moving`` is called at each speed above standstill. ``RigError`` if the address cannot be bound."""
         self._socket = bound_udp(section.listen, "[run.odometry] listen")
         self._odometer = odometer
         self._moving = moving
@@ -247,12 +246,12 @@ class OdometryListener:
 
     @property
     def address(self) -> tuple[str, int]:
-        """Where it listens."""
+        """The bound address."""
         host, port = self._socket.getsockname()[:2]
         return host, port
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the socket."""
         self._socket.close()
 
     def run(self, beat: Callable[[], None], stop: threading.Event) -> None:
@@ -291,7 +290,7 @@ class OdometryListener:
         return velocity_in(sentence, accept_estimated=self._section.accept_estimated)
 
     def _note_course(self, velocity: Velocity) -> None:
-        """Said once for as long as it lasts; at rest there is nothing to be said."""
+        """Log a missing course once while it lasts; not at rest, where it means nothing."""
         if velocity.speed_m_s <= STATIONARY_M_S or self._without_course == (velocity.course_deg is None):
             return
         self._without_course = velocity.course_deg is None

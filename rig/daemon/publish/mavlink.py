@@ -1,4 +1,4 @@
-"""``[run.mavlink]``: each new fix to an autopilot, once. A broken link is opened again, for as long as it takes."""
+"""``[run.mavlink]``: sends each new fix to an autopilot, once. A broken link is reopened without limit."""
 
 import logging
 import threading
@@ -20,13 +20,13 @@ from rig.errors import DeviceError
 NAME = "mavlink"
 HEARTBEAT_EVERY_S = 1.0
 HEARTBEAT_TIMEOUT_S = 5.0
-"""An autopilot whose heartbeat is missing for so long is gone (the MAVLink guide says four to five)."""
+"""Heartbeat timeout of the autopilot (the MAVLink guide says four to five seconds)."""
 POLL_EVERY_S = 0.2
 ACK_TIMEOUT_S = 1.5
 MAX_SENDS = 3
-"""A command whose acknowledgement is missing is sent again (MAVLink's command protocol), with its age then."""
+"""A command without acknowledgement is sent again (MAVLink's command protocol), with its age updated."""
 MAX_READS = 500
-"""In one round: an autopilot that streams to us must not keep us from speaking."""
+"""Reads per round: an autopilot that streams must not block sending."""
 LOOP_LONGEST_S = 30.0
 MIN_RETRY_S, MAX_RETRY_S = 1.0, 60.0
 
@@ -37,9 +37,9 @@ _log = logging.getLogger(__name__)
 def publishing(
     section: MavlinkOutput, daemon_state: DaemonState, heartbeats: Heartbeats | None = None
 ) -> Iterator[None]:
-    """Send what the board says while the context lasts; the link is a device on the board.
+    """Send new fixes while the context lasts; the link is a device in the daemon state.
 
-    Raises ``ConfigError`` where pymavlink is missing or the connection is of no known kind.
+    Raises ``ConfigError`` if pymavlink is missing or the connection string is invalid.
     """
     check(section.connection)
     common = dialect()
@@ -70,7 +70,7 @@ class _Publisher:
         """The current fix was sent where no autopilot was heard, or one that has gone: who comes now has not got it."""
 
     def run(self, stop: threading.Event, heartbeats: Heartbeats | None) -> None:
-        """Keep a link until ``stop``."""
+        """Keep a link open until ``stop``."""
         wait_s = MIN_RETRY_S
         with nullcontext() if heartbeats is None else heartbeats.watched(NAME, LOOP_LONGEST_S):
             while not stop.is_set():
@@ -90,7 +90,7 @@ class _Publisher:
                     wait_s = min(2.0 * wait_s, MAX_RETRY_S)
 
     def _run_link(self, link: Link, stop: threading.Event) -> Iterator[bool]:
-        """Yields after each round whether there is an autopilot."""
+        """After each round yield whether an autopilot is present."""
         session = _LinkSession(link, self._section, self._common, self._state)
         while not stop.is_set():
             session.step()
@@ -123,7 +123,7 @@ class _Publisher:
 
 
 class _LinkSession:
-    """One link from its opening to its end."""
+    """One link from opening to closing."""
 
     def __init__(
         self, link: Link, section: MavlinkOutput, common: ModuleType, daemon_state: DaemonState
@@ -143,11 +143,11 @@ class _LinkSession:
 
     @property
     def autopilot_present(self) -> bool:
-        """Whether there is an autopilot at the other end."""
+        """Whether an autopilot's heartbeat is received."""
         return self._heard_s is not None and time.monotonic() - self._heard_s < HEARTBEAT_TIMEOUT_S
 
     def step(self) -> None:
-        """Hear what there is, and say once a second that this component is there."""
+        """Receive messages, and send a heartbeat once a second."""
         for _ in range(MAX_READS):
             if not (data := self._link.read()):
                 break
@@ -163,12 +163,12 @@ class _LinkSession:
         self._update_device_state()
 
     def send_fix(self, fix: PublishedFix, now: Instant) -> None:
-        """Send a fix in each of the configured ways."""
+        """Send a fix as each of the configured messages."""
         self._send(fix, now)
         self._state.count("mavlink fixes sent")
 
     def send_fix_late(self, fix: PublishedFix, now: Instant) -> None:
-        """Send a fix that nobody has heard to the autopilot that has come since; the count has it already."""
+        """Send an earlier fix to an autopilot that has connected since; it is already counted."""
         self._send(fix, now)
 
     def _send(self, fix: PublishedFix, now: Instant) -> None:
@@ -179,7 +179,7 @@ class _LinkSession:
             self._mav.send(gps_input(self._common, fix, now.utc))
 
     def send_again(self, fix: PublishedFix, now: Instant) -> None:
-        """Send the command of the latest fix again where an autopilot is heard that should have answered it."""
+        """Send the command of the latest fix again if a present autopilot has not acknowledged it."""
         if self._awaited_s is None or now.monotonic_s < self._awaited_s or not self.autopilot_present:
             return
         if self._times == MAX_SENDS:

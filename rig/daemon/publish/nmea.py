@@ -1,4 +1,4 @@
-"""``[run.nmea]``: a server for as many clients as come, and datagrams to those whom the configuration names."""
+"""``[run.nmea]``: NMEA 0183 to TCP clients and to configured UDP addresses."""
 
 import logging
 import threading
@@ -27,17 +27,17 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class NmeaPublisher:
-    """What is being served."""
+    """The running publisher."""
 
     tcp: tuple[str, int] | None
-    """Host and port where it listens."""
+    """Host and port of the TCP server."""
 
 
 @contextmanager
 def publishing(
     section: NmeaOutput, daemon_state: DaemonState, heartbeats: Heartbeats | None = None
 ) -> Iterator[NmeaPublisher]:
-    """Publish what the board says, every ``section.every_s``, while the context lasts.
+    """Publish the current fix every ``section.every_s`` while the context lasts.
 
     Raises ``ConfigError`` where the address cannot be listened on.
     """
@@ -61,7 +61,9 @@ def publishing(
 
 
 def _look_up(targets: Sequence[UdpTarget], stop: threading.Event) -> None:
-    """In a thread of its own: without a network a name takes long, and it may come to be known hours later."""
+    """Resolve host names, in a separate thread: without a network that blocks, and a name may become resolvable hours
+    later.
+    """
     wait_s = MIN_RETRY_S
     left = list(targets)
     while left := [target for target in left if not target.find()]:
@@ -86,7 +88,7 @@ class _Publisher:
         self._seen = latest.bundle if latest else None
 
     def run(self, stop: threading.Event, heartbeats: Heartbeats | None) -> None:
-        """Send an epoch whenever one is due, by the clock that does not step, until ``stop``."""
+        """Send an epoch whenever one is due, by the monotonic clock, until ``stop``."""
         with nullcontext() if heartbeats is None else heartbeats.watched(LOOP, LOOP_LONGEST_S):
             due_s = time.monotonic()
             while not stop.is_set():

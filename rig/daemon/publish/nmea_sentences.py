@@ -1,6 +1,6 @@
-"""A fix, or that there is none, as one epoch of NMEA 0183 (4.10) sentences. No port and no clock here.
+"""Encodes a fix, or its absence, as one epoch of NMEA 0183 (4.10) sentences. No I/O, no clock.
 
-What the sentences' order and time fields do to gpsd is told in docs/daemon.md; the tests show it with gpsd itself.
+How the order and time fields of the sentences affect gpsd is described in docs/daemon.md and tested with gpsd itself.
 """
 
 from collections.abc import Callable, Collection
@@ -11,13 +11,13 @@ from rig.daemon.publish.published import PublishedFix
 from rig.devices.sensors.nmea import checksum
 
 TALKER = "GP"
-"""QGIS hears no other: neither II nor IN."""
+"""QGIS accepts no other talker id: neither II nor IN."""
 RMC_DATE = 8
-"""Which of its fields."""
+"""Index of the date among its fields."""
 MINUTE_DECIMALS = 5
 """Two centimetres."""
 _MODE = {1: "A", 6: "E"}
-"""The mode indicator that belongs to GGA's quality: autonomous, estimated."""
+"""Mode indicator for GGA's quality: autonomous, estimated."""
 
 Fields = list[str]
 
@@ -30,13 +30,13 @@ def epoch(
     *,
     dated: bool = True,
 ) -> bytes:
-    """The sentences of one moment, in the order in which gpsd makes one report of them.
+    """The sentences of one epoch, in the order in which gpsd combines them into one report.
 
-    Times of a position are those of its capture: repeated, it does not look new. ``utc`` is the present, for ZDA and
-    for the sentences that say that there is no position.
+    Times of a position are those of its capture, so that a repeated one does not look new. ``utc`` is the present, for
+    ZDA and for sentences without a position.
 
-    Not ``dated``: the clock cannot be right, so there is no ZDA, and no date in RMC, for who hears them may set another clock
-    by them. The time of day stays, by which gpsd tells one epoch from the next.
+    Not ``dated``: the clock is implausible, so ZDA and the date in RMC are left out, as receivers may set their clock
+    by them. The time of day stays: gpsd separates epochs by it.
     """
     return _sentences(fix, utc, quality, [kind for kind in _FIELDS if kind in kinds], dated)
 
@@ -49,10 +49,10 @@ def epoch_for_anybody(
     *,
     dated: bool = True,
 ) -> bytes:
-    """The same for whoever may have begun to listen in the middle of a fix, which a datagram cannot know.
+    """An epoch for receivers that may have joined during a fix, as with datagrams.
 
-    gpsd learns what ends a report where the time changes from one sentence to the next, and of a fix that is repeated
-    no time changes. So GBS comes last, and once more without values at the present time.
+    gpsd learns the last sentence of an epoch where the time changes, and in repeated fixes it does not. So GBS comes
+    last, and once more without values at the present time.
     """
     chosen = [kind for kind in _FIELDS if kind in kinds and kind != "GBS"]
     if "GBS" not in kinds:
@@ -82,7 +82,7 @@ def sentence(kind: str, fields: Fields) -> bytes:
 
 
 def hhmmss(utc: datetime) -> str:
-    """To a hundredth of a second, cut off and not rounded: there is no second 60."""
+    """To a hundredth of a second, truncated: rounding could give second 60."""
     return f"{utc:%H%M%S}.{utc.microsecond // 10_000:02d}"
 
 

@@ -1,4 +1,4 @@
-"""Datagrams to the addresses that the configuration names. Sending waits for nobody; looking a name up may."""
+"""Sends datagrams to configured addresses. Sending does not block; resolving a name may."""
 
 import socket
 
@@ -7,7 +7,7 @@ from rig.daemon.state import DaemonState
 
 
 class UdpTarget:
-    """One address; how it fares is on the board, as of a device."""
+    """One address; its state is a device in the daemon state."""
 
     def __init__(self, address: str, daemon_state: DaemonState) -> None:
         self._address = address
@@ -16,7 +16,7 @@ class UdpTarget:
         self._to: tuple[str, int] | None = None
 
     def find(self, numeric: bool = False) -> bool:
-        """Look the host up; this takes long where it is a name, not ``numeric``, and nobody answers."""
+        """Resolve the host; this may block for long unless it is ``numeric``."""
         host, port = host_and_port(self._address)
         flags = socket.AI_NUMERICHOST if numeric else 0
         try:
@@ -32,7 +32,7 @@ class UdpTarget:
         return True
 
     def send(self, data: bytes) -> None:
-        """Send, or say why that was not possible; the next is tried all the same."""
+        """Send, or record the error; later datagrams are sent all the same."""
         if self._socket is None or self._to is None:
             return
         try:
@@ -43,7 +43,7 @@ class UdpTarget:
             self._state.set_device(self._name, "ok", "datagrams are sent")
 
     def close(self) -> None:
-        """Send no more."""
+        """Close the socket."""
         if self._socket is not None:
             self._socket.close()
 

@@ -12,11 +12,11 @@ from rig.daemon.spool.store import Entry, Spool
 from rig.daemon.state import Answer, DaemonState
 
 LONG_AGO_S = 3600.0
-"""How old a bundle of an earlier run of the computer is taken to be where the wall clock says that it is yet to come."""
+"""Assumed age of a bundle of an earlier boot if the wall clock says that it lies in the future."""
 
 
 def answer_of(entry: Entry, found: SearchResult, started: Instant | None = None) -> Answer:
-    """What the daemon, which has run since ``started``, publishes of a bundle's search."""
+    """The published answer for a bundle's search result; ``started`` is the start of the daemon."""
     heading = vehicle_heading_deg(found)
     captured = moment_of(found.capture_info, entry.boot)
     return Answer(
@@ -38,7 +38,7 @@ def answer_of(entry: Entry, found: SearchResult, started: Instant | None = None)
 
 
 def restored(answer: Answer, boot: str | None) -> Answer:
-    """An answer of the spool after a restart. ``boot``: the computer's run in which its bundle was captured."""
+    """A spool answer after a restart. ``boot``: the boot in which its bundle was captured."""
     if boot == boot_id():
         return replace(answer, before_start=True)
     now = Instant.now()
@@ -48,9 +48,9 @@ def restored(answer: Answer, boot: str | None) -> Answer:
 
 
 def restore(daemon_state: DaemonState, spool: Spool) -> None:
-    """Put on the board what the spool knows from before a restart, unless there is something of this run already.
+    """Restore the latest answers from the spool into the daemon state, unless there are newer ones.
 
-    Again after the wall clock has stepped: ages of another run of the computer go by it.
+    Repeated after a step of the wall clock: ages of another boot depend on it.
     """
     known = daemon_state.snapshot().last
     if known is not None and not known.before_start:
@@ -62,7 +62,7 @@ def restore(daemon_state: DaemonState, spool: Spool) -> None:
 
 
 def vehicle_heading_deg(found: SearchResult) -> tuple[float, float] | None:
-    """True heading of the vehicle's forward axis and its sigma: as measured, less the error that the search solved for."""
+    """True heading of the vehicle's forward axis and its sigma: as measured, minus the solved bias."""
     nuisance, capture_info = found.track.fix.nuisance, found.capture_info
     if nuisance is None or found.azimuth_bias_sigma_deg is None or capture_info.heading_deg is None:
         return None
@@ -71,7 +71,7 @@ def vehicle_heading_deg(found: SearchResult) -> tuple[float, float] | None:
 
 
 def moment_of(capture_info: CaptureInfo, boot: str | None) -> Instant:
-    """When a bundle's last frame was taken. Of another run of the computer only the wall clock's time is known."""
+    """Time of a bundle's last frame. For another boot only the wall clock's time is known."""
     utc, now = datetime.fromisoformat(capture_info.utc), Instant.now()
     if boot == boot_id() and capture_info.monotonic_s is not None:
         return Instant(capture_info.monotonic_s, utc)
@@ -79,13 +79,13 @@ def moment_of(capture_info: CaptureInfo, boot: str | None) -> Instant:
 
 
 def _age_s(utc: datetime) -> float:
-    """By the wall clock: all that there is for another run of the computer, and nothing that makes a fix current."""
+    """Age by the wall clock: all that is known for another boot; never used to call a fix current."""
     age_s = (utc_now() - (utc if utc.tzinfo else utc.replace(tzinfo=UTC))).total_seconds()
     return age_s if age_s > 0.0 else LONG_AGO_S
 
 
 def described(answer: Answer) -> dict[str, object]:
-    """An answer as values for one line of the log."""
+    """An answer as values for one log line."""
     fix: Fix = answer.fix
     values: dict[str, object] = {"status": fix.status, "mode": answer.mode}
     if fix.position:

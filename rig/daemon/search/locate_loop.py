@@ -1,4 +1,4 @@
-"""Locates what waits in the spool, one bundle after the other, and puts the answers on the board."""
+"""Locates the waiting bundles of the spool, one after the other, and publishes the answers in the daemon state."""
 
 import threading
 from collections.abc import Callable
@@ -16,15 +16,15 @@ _log = structlog.get_logger(__name__)
 
 IDLE_S = 1.0
 PAUSE_S = 10.0
-"""After a failure that is not the bundle's."""
+"""Back-off after a failure that is not the bundle's."""
 
 
 class _StoppedError(Exception):
-    """The daemon ends, or begins anew with another configuration."""
+    """The daemon ends or restarts with another configuration."""
 
 
 class LocateLoop:
-    """The loop around the worker. ``wake`` it when there is a new bundle."""
+    """The loop around the search process. Call ``wake`` for a new bundle."""
 
     def __init__(
         self,
@@ -33,10 +33,10 @@ class LocateLoop:
         start: Callable[[], SearchProcess],
         worker: SearchProcess,
     ) -> None:
-        """``worker`` has been started by ``start``, which is called again where it is lost.
+        """``worker`` was started by ``start``, which is called again if it is lost.
 
-        ``terrain`` is done when it has read the DEM, with ``SearchFailedError`` where that cannot be used; ``pictures`` when
-        the kernels that look at pictures are on the disk, or cannot be had.
+        ``terrain`` is set when the DEM is loaded (``SearchFailedError`` if it cannot be used), ``pictures`` when the
+        picture kernels are in the disk cache, or cannot be.
         """
         self.terrain: Future[None] = Future()
         self.pictures: Future[None] = Future()
@@ -47,11 +47,11 @@ class LocateLoop:
         self._news = threading.Event()
 
     def wake(self) -> None:
-        """There is something new in the spool."""
+        """A new bundle is in the spool."""
         self._news.set()
 
     def run(self, beat: Callable[[], None], stop: threading.Event) -> None:
-        """Locate until ``stop``. A search that goes on then is given up with its worker; the bundle waits."""
+        """Locate until ``stop``. A running search is then aborted with its worker; its bundle stays in the queue."""
 
         def going_on() -> None:
             if stop.is_set():
@@ -102,7 +102,7 @@ class LocateLoop:
             self._state.set_locating(None)
 
     def release_worker(self) -> SearchProcess | None:
-        """The worker, for whoever goes on with the same DEM; None where it has ended. Only after ``run``."""
+        """Release the worker for further use with the same DEM; None if it has ended. Only after ``run``."""
         worker, self.worker = self.worker, None
         if worker is not None and worker.alive:
             return worker

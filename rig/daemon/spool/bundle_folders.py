@@ -9,7 +9,7 @@ from localizer.documents import DocumentError, read_file
 
 
 def remove(path: Path) -> None:
-    """A folder and all in it; of a link, or what somebody else has put there, only itself."""
+    """Remove a folder with its content; of a link or another kind of entry only itself."""
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path)
     else:
@@ -17,7 +17,7 @@ def remove(path: Path) -> None:
 
 
 def captured_at(file: Path) -> datetime:
-    """When a bundle's last frame was taken, by what it says itself; of one that cannot be read, when it was written."""
+    """Time of a bundle's last frame; of an unreadable one, its file time."""
     try:
         bundle = parse_bundle(read_file(file, MOST_BYTES), str(file))
         return max(frame.time for frame in bundle.frames)
@@ -26,7 +26,7 @@ def captured_at(file: Path) -> datetime:
 
 
 def size_bytes_of(folder: Path) -> int:
-    """Of all files in it; 0 where it is gone."""
+    """Total size of its files; 0 if it is gone."""
     try:
         return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
     except FileNotFoundError:  # somebody deletes at this moment

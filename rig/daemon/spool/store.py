@@ -1,12 +1,13 @@
-"""Where bundles wait, and what became of them: a folder of bundles with an index beside it.
+"""The spool: a folder of bundles and an index of their states and answers.
 
     bundles/<id>/     complete or absent, as ``rig.bundle.writer`` has it
     index.sqlite      one row a bundle: waiting, located or failed; the answer, and the tracker's state with it
 
-Power may fail at any instant. The folder is what counts: ``reconcile`` takes in bundles that the index does not know yet
-and removes what was being written or deleted. An answer and the tracker's state after it are one transaction.
+Power may fail at any time. The folder is authoritative: ``reconcile`` adds bundles that the index does not know and
+removes partly written or deleted ones. An answer and the tracker's state after it are stored in one transaction.
 
-The quota costs the oldest bundles that have been located (their answers stay in the index). Others are never deleted.
+To stay within the quota the oldest located bundles are deleted (their answers stay in the index). Others are never
+deleted.
 """
 
 import fcntl
@@ -51,18 +52,18 @@ MAX_TRIES = 2
 USUAL_BUNDLE_BYTES = 3_000_000
 ROWS_KEPT = 10_000
 ODOMETER = "odometer"
-"""Under which name the odometer's state is remembered."""
+"""Key of the odometer's state."""
 
 
 class Spool:
-    """See the module. Used from several threads, by one process at a time."""
+    """The spool (see the module). Thread-safe, for one process at a time."""
 
     def __init__(
         self, folder: Path, quota_mb: int, on_waiting_changed: Callable[[int], None] = lambda bundles: None
     ) -> None:
-        """Open or make it. ``SpoolError`` where it cannot be used, or another process uses it.
+        """Open or create it. ``SpoolError`` if it cannot be used, or another process uses it.
 
-        ``on_waiting_changed`` hears how many bundles wait, here and after every change, in the order of the changes.
+        ``on_waiting_changed`` gets the number of waiting bundles now and after every change, in order.
         """
         self.folder = folder
         self.bundles_dir = folder / "bundles"
@@ -97,17 +98,17 @@ class Spool:
         self.close()
 
     def close(self) -> None:
-        """Give index and folder back."""
+        """Close the index and unlock the folder."""
         with self._lock:
             self._db.close()
             os.close(self._claim)
 
-    # What a capture does, in this order.
+    # Used by a capture, in this order.
 
     def make_room(self) -> list[str]:
         """Delete the oldest located bundles until another one fits; returns their ids.
 
-        ``SpoolFullError`` where that is not enough.
+        ``SpoolFullError`` if that is not enough.
         """
         self.reconcile()
         removed = []
@@ -122,7 +123,7 @@ class Spool:
         return removed
 
     def space_problem(self) -> str | None:
-        """Why ``make_room`` would fail now; None where another bundle fits, or will once located ones are deleted."""
+        """Why ``make_room`` would fail now; None if it would succeed."""
         try:
             total, need, located = self._sizes()
             to_gain = sum(size for _, size in located)
@@ -137,7 +138,7 @@ class Spool:
         return None
 
     def _sizes(self) -> tuple[int, int, list[tuple[str, int]]]:
-        """Bytes that all bundles take, that another one needs, and of each located one, the oldest first."""
+        """Bytes of all bundles, bytes that another one needs, and (id, bytes) of each located one, oldest first."""
         ((total, largest),) = self._read("SELECT sum(bytes), max(bytes) FROM bundles WHERE here")
         located = self._read(
             "SELECT bundle, bytes FROM bundles WHERE here AND state = 'located' ORDER BY number"
@@ -160,10 +161,10 @@ class Spool:
     def begin_capture(
         self, trigger: TriggerSource, leg: Movement | None, odometer: str | None = None
     ) -> None:
-        """Note why a capture is taken and how the vehicle came here since the last one, before it can be lost.
+        """Store the trigger of a capture and the leg to it, before they can be lost.
 
-        ``odometer`` is the odometer's state after that leg: it is remembered together with the bundle, or not at all, so
-        that no way is counted twice or lost whenever the power fails.
+        ``odometer`` is the odometer's state after that leg. It is stored together with the bundle or not at all, so
+        that no leg is counted twice or lost by a power cut.
         """
         with self._transaction() as db:
             newest = db.execute("SELECT trigger FROM bundles ORDER BY number DESC LIMIT 1").fetchone()
@@ -173,14 +174,14 @@ class Spool:
             remember(db, "capturing", json.dumps(intent))
 
     def end_capture(self) -> str | None:
-        """Take the new bundle in; returns its id, None where the capture left none."""
+        """Register the new bundle; returns its id, None if the capture left none."""
         new = self.reconcile()
         return new[-1] if new else None
 
-    # What the search does.
+    # Used by the search.
 
     def next_waiting(self) -> Entry | None:
-        """The oldest bundle that has not been located yet."""
+        """The oldest waiting bundle."""
         rows = self._read(f"{SELECT} WHERE state = 'waiting' AND here ORDER BY number LIMIT 1")
         return entry_of(rows[0]) if rows else None
 
@@ -205,7 +206,7 @@ class Spool:
         return Tracker.from_json(text), composed([stored_leg(leg) for (leg,) in legs])
 
     def set_answer(self, answer: Answer, tracker: Tracker) -> None:
-        """Store what a bundle came to and the tracker's state after it, both or neither."""
+        """Store a bundle's answer and the tracker's state after it, in one transaction."""
         size_bytes = size_bytes_of(self.bundles_dir / answer.bundle)  # the search has put skylines beside it
         with self._transaction() as db:
             db.execute(
@@ -218,7 +219,7 @@ class Spool:
             remember(db, "tracked", str(number))
 
     def set_failed(self, bundle: str, reason: str) -> BundleState:
-        """Store why a search failed; the bundle waits for another try, or has failed for good."""
+        """Store why a search failed; the bundle waits for another try, or is marked failed."""
         with self._transaction() as db:
             db.execute(
                 "UPDATE bundles SET tries = tries + 1, reason = ?, "
@@ -230,7 +231,7 @@ class Spool:
             ).fetchone()[0]
         return state
 
-    # What readers ask.
+    # Used by readers.
 
     def entries(self, limit: int, before: int | None = None) -> list[Entry]:
         """The newest bundles, newest first; those with a smaller number than ``before`` where it is given."""
@@ -244,14 +245,14 @@ class Spool:
         return self.bundles_dir / bundle_id if known else None
 
     def answer_of(self, bundle_id: str) -> Answer | None:
-        """What a bundle came to; None where it is unknown or has no answer yet."""
+        """A bundle's answer; None if the bundle is unknown or has none yet."""
         rows = self._read("SELECT answer FROM bundles WHERE bundle = ? AND answer IS NOT NULL", bundle_id)
         return answer_of(rows[0][0]) if rows else None
 
     def latest(self) -> tuple[tuple[Answer, str | None] | None, tuple[Answer, str | None] | None]:
-        """The newest bundle's answer, and the newest that is a fix, each with the computer's run of its capture.
+        """The newest bundle's answer, and the newest fix, each with the boot of its capture.
 
-        None where there is none, or one that this version cannot read.
+        None if there is none, or this version cannot read it.
         """
         found = []
         # json_extract fails the whole query where a row is damaged
@@ -265,23 +266,23 @@ class Spool:
         return found[0], found[1]
 
     def count(self, state: BundleState) -> int:
-        """How many bundles that are here are in a state."""
+        """Number of stored bundles in a state."""
         return int(self._read("SELECT count(*) FROM bundles WHERE here AND state = ?", state)[0][0])
 
-    # What a restart needs beside the bundles.
+    # Used by a restart.
 
     def remember(self, name: str, value: str) -> None:
-        """Keep a text under a name."""
+        """Store a text under a key."""
         with self._transaction() as db:
             remember(db, name, value)
 
     def recall(self, name: str) -> str | None:
-        """The text under a name; None where there is none."""
+        """The text under a key; None if there is none."""
         with self._lock:
             return recall(self._db, name)
 
     def reconcile(self) -> list[str]:
-        """Bring folder and index together; returns the ids of bundles that the index did not know."""
+        """Synchronise the index with the folder; returns the ids of bundles new to the index."""
         with self._lock:
             try:
                 names = sorted(path.name for path in self.bundles_dir.iterdir())
@@ -335,7 +336,7 @@ class Spool:
         )
 
     def _delete(self, bundle: str) -> None:
-        """Rename first: a bundle is complete or absent when it goes, too."""
+        """Renamed before deletion: a bundle is complete or absent."""
         going = self.bundles_dir / f".{bundle}.removed"
         try:
             (self.bundles_dir / bundle).rename(going)
@@ -355,7 +356,7 @@ class Spool:
 
     @contextmanager
     def _transaction(self) -> Iterator[sqlite3.Connection]:
-        """All or nothing, on the disk at its end. ``SpoolError`` where the disk refuses."""
+        """A durable transaction. ``SpoolError`` if the disk refuses."""
         with self._lock:
             try:
                 self._db.execute("BEGIN IMMEDIATE")
@@ -374,7 +375,7 @@ class Spool:
 
 
 def _remedy(error: sqlite3.Error) -> str:
-    """What to do about an error of the index, by SQLite's words for it."""
+    """What to do about an error of the index, from SQLite's message."""
     for words, remedy in (
         ("full", "make room on the disk"),
         ("locked", "end the other program that has it open"),

@@ -1,8 +1,8 @@
-"""The camera, through OpenCV's VideoCapture, with a thread that reads all the time.
+"""Camera driver: OpenCV's VideoCapture, read continuously by a thread.
 
-A driver, a socket or OpenCV itself holds back frames for a slow reader: seconds of them, so that who only reads
-when a picture is wanted gets one from before the head turned. Here a thread takes every frame as it comes and
-those who wait are given only frames that cannot be older than the moment they name.
+Drivers, sockets and OpenCV buffer seconds of frames for a slow reader, so that an occasional reader gets frames from
+before the head moved. Here a thread reads every frame at once, and callers get only frames that arrived after a given
+time.
 """
 
 import atexit
@@ -18,7 +18,7 @@ from types import TracebackType
 from typing import Any, Self
 from weakref import WeakKeyDictionary
 
-# FFmpeg prints its own account of a failure; the one line that the operator reads is ours. Read at first use.
+# FFmpeg prints its own messages on failure; ours is the one for the operator. Read at first use.
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
 import cv2
@@ -41,17 +41,17 @@ from rig.errors import DeviceError, TransientError
 from rig.fault_notes import note_fault
 
 BLOCKED_GRAB_S = 0.004
-"""A grab that took longer found nothing to take, and waited: the frame that it returned came after it began."""
+"""A grab that took longer had to wait: its frame arrived after the call."""
 THREAD_END_S = 2.0
 REOPEN_PAUSE_S = 0.2
 
 _blocked_threads: WeakKeyDictionary[threading.Thread, float] = WeakKeyDictionary()
-"""Threads that outlived their camera, and until when (monotonic) OpenCV may keep them by its own timeouts."""
+"""Threads that outlived their camera, and until when (monotonic) OpenCV's own timeouts may block them."""
 
 
 @atexit.register
 def _join_blocked_threads() -> None:
-    """Python ends threads where they stand when a program ends, and OpenCV in one of them then aborts the whole program."""
+    """Wait for blocked threads at exit: Python kills them, and OpenCV then aborts the whole program."""
     for thread, until_s in list(_blocked_threads.items()):
         thread.join(max(0.0, until_s - time.monotonic()))
 
@@ -59,9 +59,9 @@ def _join_blocked_threads() -> None:
 class Camera:
     """The camera's newest frames. Use it as a context manager; the thread ends with it.
 
-    Opening goes on in the thread: ``wait_open`` waits for it and checks the size. A stream that ends later is opened
-    again, and again. Every method that waits raises ``DeviceError`` where the camera cannot be opened or delivers
-    another size than configured, ``TransientError`` where it falls silent.
+    The thread opens the camera: ``wait_open`` waits for it and checks the size. An ended stream is reopened repeatedly.
+    Waiting methods raise ``DeviceError`` if the camera cannot be opened or delivers another size than configured,
+    ``TransientError`` if it delivers no frames.
     """
 
     def __init__(self, section: CameraSection) -> None:
@@ -99,7 +99,7 @@ class Camera:
 
     @property
     def frame_rate_hz(self) -> float:
-        """Frames a second since the first one; NaN before the second."""
+        """Mean frame rate since the first frame; NaN before the second."""
         with self._changed:
             newest, count = self._newest, self._count
         if newest is None or count < 2:
@@ -108,13 +108,13 @@ class Camera:
 
     @property
     def exposure_is_settable(self) -> bool:
-        """Whether there is a way to tell the camera how to expose."""
+        """Whether the exposure can be set."""
         return self._is_local or self._section.exposure_url is not None
 
     def expose(self, ev: float) -> None:
-        """Expose by ``ev`` stops more than the camera does of itself; 0 leaves it to itself again.
+        """Set an exposure ``ev`` stops above the automatic one; 0 restores automatic.
 
-        Raises ``TransientError`` where a network camera does not take it.
+        Raises ``TransientError`` if a network camera rejects it.
         """
         self._wanted_ev = ev  # a local camera is told by the thread that reads it
         url = self._section.exposure_url
@@ -122,7 +122,7 @@ class Camera:
             self._set_network_exposure(url, ev)
 
     def _set_network_exposure(self, url: str, ev: float) -> None:
-        """Set the exposure of a network camera. Raises ``TransientError`` where it does not take it."""
+        """Set the exposure of a network camera. Raises ``TransientError`` if it rejects it."""
         try:
             with get(
                 url.replace("{ev}", f"{ev:g}"), self._section.read_timeout_s, "[camera] exposure_url"
@@ -137,13 +137,13 @@ class Camera:
             ) from error
 
     def exposure_settled_at_s(self) -> float:
-        """When (monotonic) pictures show an exposure that is told now."""
+        """Monotonic time from which pictures show an exposure set now."""
         return time.monotonic() + self._section.exposure_settle_s
 
     def frames_after(self, monotonic_s: float, count: int) -> list[TimedFrame]:
-        """``count`` frames that arrive no earlier than a moment, which may be to come.
+        """``count`` frames that arrive no earlier than a monotonic time, which may be in the future.
 
-        The read timeout holds for each of them.
+        The read timeout applies to each of them.
         """
         frames: list[TimedFrame] = []
         problem = f"has sent no frame for {self._section.read_timeout_s:g} s that is new enough"
@@ -154,11 +154,11 @@ class Camera:
         return frames
 
     def frame_after(self, monotonic_s: float) -> TimedFrame:
-        """The first frame that arrives no earlier than a moment."""
+        """The first frame that arrives no earlier than a monotonic time."""
         return self.frames_after(monotonic_s, 1)[0]
 
     def close(self) -> None:
-        """End the thread and give the camera back, its exposure too. One that hangs is waited for no longer than
+        """End the thread, restore the exposure and close the camera. A blocked thread is awaited for at most
         ``THREAD_END_S``.
         """
         if self._wanted_ev != 0.0:
@@ -170,7 +170,7 @@ class Camera:
             _blocked_threads[self._thread] = time.monotonic() + patience_s
 
     def _restore_auto_exposure(self) -> None:
-        """A network camera at its own exposure, whatever was told last, by whom; that it takes none is noted."""
+        """Restore automatic exposure of a network camera, whatever was set before; a failure is noted."""
         url = self._section.exposure_url
         if url is None or self._is_local:
             return
@@ -180,7 +180,7 @@ class Camera:
             note_fault(error.device, error.problem, "its exposure may have stayed as it was")
 
     def _wait(self, wanted: Callable[[TimedFrame], bool], wait_s: float, problem: str) -> TimedFrame:
-        """The newest frame as soon as it is one that is wanted."""
+        """The newest frame once ``wanted`` accepts it."""
 
         def ready() -> bool:
             return self._has_given_up() or (self._newest is not None and wanted(self._newest))
@@ -194,7 +194,7 @@ class Camera:
             return self._newest
 
     def _has_given_up(self) -> bool:
-        """Whether the thread has given up: a camera that never worked, or is another one."""
+        """Whether the thread has given up: the camera never worked, or is not the configured one."""
         if self._failure is None:
             return False
         return self._newest is None or not isinstance(self._failure, TransientError)
@@ -227,9 +227,9 @@ class Camera:
                 self._stop.wait(REOPEN_PAUSE_S)
 
     def _stream(self) -> None:
-        """Publish frames until told to stop. Raises ``DeviceError`` where the stream ends.
+        """Publish frames until stopped. Raises ``DeviceError`` if the stream ends.
 
-        What the camera's driver was told is given back, whatever ends it.
+        Driver settings are restored in every case.
         """
         with ExitStack() as told:
             exposure: LocalExposure | None = None
@@ -277,7 +277,7 @@ class Camera:
         event_bus.publish(frame)
 
     def _is_snapshot_source(self) -> bool:
-        """Whether the address gives one picture and not a stream: from now on it is asked for each."""
+        """Whether the address delivers single pictures instead of a stream; each is then requested."""
         source = self._section.source
         if self._gives_snapshots or self._count > 1 or not is_http(source):
             return False
@@ -295,7 +295,7 @@ class Camera:
                 section.fourcc is not None and capture.isOpened()
             ):  # before the size: some are of one format only
                 self._request_pixel_format(capture, section.fourcc)
-            # Asked for, not relied upon: the frame's own size is checked.
+            # Only requested: the actual frame size is checked.
             capture.set(cv2.CAP_PROP_FRAME_WIDTH, section.width_px)
             capture.set(cv2.CAP_PROP_FRAME_HEIGHT, section.height_px)
         else:

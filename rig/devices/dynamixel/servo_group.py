@@ -10,7 +10,7 @@ from rig.errors import TransientError, WrongDeviceError
 
 
 def read_states(bus: ServoBus, servos: Sequence[Servo]) -> list[ServoState]:
-    """The state of all servos, in their order, with one instruction.
+    """The states of all servos, in order, with one sync read.
 
     Raises ``TransientError`` naming every servo that did not answer.
     """
@@ -26,10 +26,10 @@ def read_states(bus: ServoBus, servos: Sequence[Servo]) -> list[ServoState]:
 
 
 def require_models(bus: ServoBus, expected: Mapping[int, str]) -> dict[int, int]:
-    """The firmware versions by servo id, where every servo is there and of the expected model.
+    """Firmware versions by servo id, if every servo is present and of the expected model.
 
-    Raises ``WrongDeviceError`` where another model answers, ``TransientError`` where one is silent; both list
-    what was expected and what was found for each id.
+    Raises ``WrongDeviceError`` for another model, ``TransientError`` for a silent one; both list expected and found for
+    each id.
     """
     found: dict[int, tuple[int, int]] = {}
     for servo_id in expected:
