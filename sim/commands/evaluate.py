@@ -1,4 +1,4 @@
-"""``sim evaluate``: how good the localizer is, in figures."""
+"""``sim evaluate``: measures the localizer's accuracy and reliability on many cases."""
 
 from pathlib import Path
 from typing import Literal
@@ -10,7 +10,7 @@ from localizer.commands.command_line import OutputFolder, dem_files_option
 from localizer.output_files import prepare_folder
 from sim.commands.failures import one_line_failures
 
-# What draws and locates cases is slow to import, and --help and bad usage should not wait for it.
+# Modules that make and locate cases are slow to import; commands import them, so that --help is fast.
 
 
 @click.command()
@@ -112,7 +112,7 @@ def evaluate(
 
 
 def _refuse_what_is_of_cases() -> None:
-    """Options that photographs have no use for: whoever gives one expects something that is not done."""
+    """Reject options that do not apply to photographs."""
     context = click.get_current_context()
     for parameter in context.command.params:
         name = parameter.name or ""

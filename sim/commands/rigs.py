@@ -1,4 +1,4 @@
-"""The command ``sim rigs``: calibrate rigs fresh from the workshop, and say what is left in their bundles."""
+"""The command ``sim rigs``: calibrates uncalibrated simulated rigs and reports the remaining errors of their bundles."""
 
 import json
 import math
@@ -90,7 +90,7 @@ def rigs(
 
 
 def one_line(result: "RigResult") -> str:
-    """What is left in the bundles of one rig, or why there are none."""
+    """The remaining errors in the bundles of one rig, or why there are none."""
     from sim.rigs.calibration_trial import LIMITS
 
     errors = ", ".join(f"{name} {getattr(result, name):.3f}" for name in LIMITS)
@@ -98,7 +98,7 @@ def one_line(result: "RigResult") -> str:
 
 
 def to_json(results: Sequence["RigResult"]) -> str:
-    """All rigs, and the limits that their errors are held against; null for what was not measured."""
+    """All rigs, and the limits of their errors; null for what was not measured."""
     from sim.rigs.calibration_trial import LIMITS
 
     rows = [
@@ -115,7 +115,7 @@ def to_json(results: Sequence["RigResult"]) -> str:
 
 
 def print_table(results: Sequence["RigResult"]) -> None:
-    """A row a rig, and below how large the errors are against their limits."""
+    """One row per rig, and below the errors against their limits."""
     import numpy as np
     from rich.console import Console
     from rich.table import Table

@@ -1,4 +1,4 @@
-"""Headings in NMEA 0183 sentences, in Honeywell's PTNTHPR, and in OceanServer's OHPR and factory format.
+"""Parsers of headings in NMEA 0183 sentences, Honeywell's PTNTHPR, and OceanServer's OHPR and factory format.
 
 The fields are those of NMEA 0183 as gpsd's "NMEA Revealed" describes them, PTNTHPR of Honeywell's HMR3000 and True North's
 compasses, OHPR and ``$C`` of OceanServer's OS5000. Raises ``NoReadingError`` where a whole sentence has no heading to trust.
@@ -14,7 +14,7 @@ from rig.errors import NoReadingError
 
 COARSEST_DEG = 1.0
 MAX_VARIATION_DEG = 90.0
-"""Beyond it, which is only beside a magnetic pole, a variation is a filler (999.9, 180), and so is a deviation."""
+"""A larger variation, real only near a magnetic pole, is a filler (999.9, 180); likewise a deviation."""
 
 _CONTRADICTS = "the sentence contradicts itself: set the instrument to send HDG or HDM"
 
@@ -95,7 +95,7 @@ def _hdt(sentence: Sentence, at: Instant) -> HeadingReading:
 
 
 def _require_letter(sentence: Sentence, letter: str) -> None:
-    """HDT with M and HDM with T say both, true and magnetic: nobody knows which it is."""
+    """Reject HDT with M and HDM with T, which are ambiguous between true and magnetic."""
     said = sentence.field(1).upper()
     if said and said != letter:
         raise NoReadingError(f"{sentence.address} has {said!r} in field 2 instead of {letter}", _CONTRADICTS)

@@ -1,4 +1,4 @@
-"""A sensor that is set up anew after a failure: a chip that restarted has lost its configuration."""
+"""A sensor wrapper that reopens the sensor after a failure: a chip that reset has lost its configuration."""
 
 import contextlib
 from collections.abc import Callable, Sequence
@@ -12,10 +12,10 @@ Reading_co = TypeVar("Reading_co", covariant=True)
 
 
 class Sensor(Protocol[Reading_co]):
-    """What all sensors have in common."""
+    """The interface of all sensors."""
 
     def identify(self) -> str:
-        """What it is and where."""
+        """Model, address and bus or port."""
         ...
 
     def read_many(self, duration_s: float) -> Sequence[Reading_co]:
@@ -28,10 +28,10 @@ class Sensor(Protocol[Reading_co]):
 
 
 class ReconnectingSensor(Generic[Reading_co]):
-    """The sensor that ``connect`` opens; opened again, identity and set-up included, after each failed reading.
+    """Wraps the sensor that ``connect`` opens; after a failed reading it is reopened, with identity check and set-up.
 
-    The retry stands above it: a reading that fails raises ``TransientError``, and the next try begins with a chip that
-    is set up. Raises what ``connect`` raises, at once where another chip answers than before.
+    Retries are above it: a failed reading raises ``TransientError``, and the next try starts with a configured chip.
+    Raises what ``connect`` raises, at once if another chip answers than before.
     """
 
     def __init__(self, connect: Callable[[], Sensor[Reading_co]]) -> None:
@@ -70,7 +70,7 @@ class ReconnectingSensor(Generic[Reading_co]):
             raise LostPortError(error.device, error.problem, error.remedy) from error
 
     def close(self) -> None:
-        """Give its bus or port back. A sensor that cannot be closed is not worth an error: it is read no more."""
+        """Close its bus handle or port; errors of a sensor that is no longer used are ignored."""
         sensor, self._sensor = self._sensor, None
         if sensor is not None:
             with contextlib.suppress(RigError):
