@@ -1,4 +1,4 @@
-"""What an experiment hands the localizer in place of images: contours at attitudes as the sensors gave them."""
+"""Observations for the localizer without images: contours with attitudes as measured by the sensors."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ NO_SKYLINE_TILT_DEG = 0.0
 
 
 def half_view_deg(optics: CameraOptics) -> float:
-    """Half of the horizontal angle of view, lens distortion left aside."""
+    """Half of the horizontal angle of view, lens distortion ignored."""
     return float(np.degrees(np.arctan(optics.width_px / 2.0 / optics.fx_px)))
 
 
@@ -33,7 +33,7 @@ def frame_observation(
     rows_px: Array,
     sigma_px: float,
 ) -> FrameObservation:
-    """One frame as the localizer takes it.
+    """One frame as input of the localizer.
 
     Args:
         label: of the frame.

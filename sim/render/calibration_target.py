@@ -1,4 +1,4 @@
-"""A calibration board held before the simulated camera, somewhere else every few frames."""
+"""Pictures of a calibration target in front of the simulated camera, at changing positions."""
 
 from dataclasses import dataclass
 
@@ -26,7 +26,7 @@ SEEN_SHARE = (0.06, 0.94)
 
 @dataclass(frozen=True)
 class Pose:
-    """The board in the camera frame: its middle (3,), mm, and its axes right and down (3,)."""
+    """Pose of the target in the camera frame: its centre (3,), mm, and its axes right and down (3,)."""
 
     middle_mm: Array
     right: Array
@@ -34,7 +34,7 @@ class Pose:
 
 
 class CalibrationTargetPictures:
-    """Pictures of the board as a person moves it: still for some frames, then elsewhere, all over the picture."""
+    """Pictures of a target that a person moves: still for some frames, then in another position, all over the picture."""
 
     def __init__(self, optics: CameraOptics, rng: np.random.Generator) -> None:
         self._sensor = Sensor(optics)
@@ -53,7 +53,7 @@ class CalibrationTargetPictures:
         return self._sensor.expose(self._clean, self._rng)
 
     def _next_pose(self) -> Pose:
-        """Somewhere new in the picture, tilted by any angle about any direction."""
+        """A new position in the picture, with a random tilt."""
         if not self._places:
             self._places = [(i, j) for i in range(PLACES[0]) for j in range(PLACES[1])]
             self._rng.shuffle(self._places)
@@ -70,7 +70,7 @@ class CalibrationTargetPictures:
         return Pose(ray * self._rng.uniform(*DISTANCE_MM), turn[:, 0], turn[:, 1])
 
     def _seen(self, pose: Pose) -> NDArray[np.uint8]:
-        """What comes in along the sensor's rays."""
+        """The target as seen along the sensor's rays."""
         rays = self._sensor.rays.astype(np.float64)
         normal = np.cross(pose.right, pose.down)
         reach = (pose.middle_mm @ normal) / (rays @ normal)
@@ -91,7 +91,7 @@ class CalibrationTargetPictures:
 
 
 def _paper() -> NDArray[np.uint8]:
-    """The board as printed, from its upper left corner, in grey levels of a real print."""
+    """The printed target, from its upper left corner, in grey levels of a real print."""
     dictionary = cv2.aruco.getPredefinedDictionary(DICTIONARY)
     board = cv2.aruco.CharucoBoard((COLUMNS, ROWS), SQUARE_MM, MARKER_MM, dictionary)
     per_mm = PAPER_PX_MM * DRAWN_FINER

@@ -1,10 +1,9 @@
-"""The whole view from one place, rendered once: the optical centre stays put while the head turns.
+"""The full panorama from one place, rendered once: the optical centre does not move while the head turns.
 
-The picture is cylindrical: columns are true azimuths, rows elevation angles, in equal steps. Every column is
-drawn along its own exact profile of the triangulated surface, front to back and from the bottom up, so that
-what hides what is exact and the skyline lies where ``Surface.horizon`` says, blended into the row that it
-crosses by its share of it. Well below every skyline lies the foreground, some half of the picture: there
-every second row and column is filled in from its neighbours.
+The picture is cylindrical: columns are true azimuths, rows elevation angles, equally spaced. Every column is drawn
+along its own exact profile of the triangulated surface, front to back and bottom to top, so that occlusion is exact and
+the skyline lies where ``Surface.horizon`` says, blended into its row by area. Well below every skyline is the
+foreground, about half of the picture: there every second row and column is interpolated.
 """
 
 from dataclasses import dataclass
@@ -50,7 +49,7 @@ class Panorama:
 
 
 def render_panorama(world: World) -> Panorama:
-    """Draw everything that the world's camera can see, as finely as it can resolve."""
+    """Render everything that the world's camera can see, at its resolution."""
     finest_deg = max(float(np.degrees(STEP_PX / world.scenario.camera.fx_px)), MIN_STEP_DEG)
     columns = 2 * int(np.ceil(180.0 / finest_deg))
     step_deg = 360.0 / columns
@@ -92,7 +91,7 @@ def render_panorama(world: World) -> Panorama:
 
 
 def _foreground_row(horizon_deg: Array, step_deg: float, rows: int) -> int:
-    """First row of the foreground; none where the view is open somewhere."""
+    """First row of the foreground; none if the view is open somewhere."""
     if np.isnan(horizon_deg).any():
         return rows
     below_deg = min(FOREGROUND_TOP_DEG, float(horizon_deg.min()) - FOREGROUND_GAP_DEG)
@@ -103,7 +102,7 @@ def _foreground_row(horizon_deg: Array, step_deg: float, rows: int) -> int:
 def _draw(  # type: ignore[no-untyped-def]
     image, terrain, viewpoint, ground, air, extinction_per_m, azimuths, tangents, foreground, step, top
 ):
-    """Draw the terrain of all columns over the sky, of the foreground every second row and column only."""
+    """Draw the terrain of all columns over the sky, in the foreground every second row and column only."""
     rows, columns = image.shape[0], image.shape[1]
     for task in prange((columns + STRIPE - 1) // STRIPE):
         buffers = (np.empty(MAX_CROSSINGS + 1), np.empty(MAX_CROSSINGS), np.empty(MAX_CROSSINGS))
@@ -214,7 +213,7 @@ def _draw_terrain(  # type: ignore[no-untyped-def]
 
 
 def _fill_foreground(image: NDArray[np.uint8], foreground: int) -> None:
-    """Means of neighbours for the odd rows and columns that ``_draw`` left out."""
+    """Interpolate the odd rows and columns that ``_draw`` omits."""
     part = image[foreground:]
     if len(part) < 3:
         part[:, 1::2] = part[:, 0::2]

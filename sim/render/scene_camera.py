@@ -1,4 +1,4 @@
-"""What the camera sees from where the vehicle stands."""
+"""The camera's view from the vehicle's present place."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -15,7 +15,7 @@ Picture = Callable[[NDArray[np.float64], np.random.Generator], NDArray[np.uint8]
 
 
 class SceneCamera:
-    """A picture of its own, or the world's terrain and sky."""
+    """Renders the world's terrain and sky, or a given picture function."""
 
     def __init__(self, world: World, picture: Picture | None) -> None:
         self._world = world
@@ -23,11 +23,11 @@ class SceneCamera:
         self._picture = picture or Renderer(world, render_panorama(world)).frame
 
     def picture(self, rotation: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.uint8]:
-        """As ``Picture``; by one thread."""
+        """Render, as ``Picture``; single-threaded."""
         return self._picture(rotation, rng)
 
     def move_to(self, standpoint: Standpoint) -> None:
-        """Draw the view from another place, and show that from now on."""
+        """Render the panorama of another place and use it from now on."""
         if self._drawn:
             there = replace(self._world, vehicle=Vehicle(standpoint))
             self._picture = Renderer(there, render_panorama(there)).frame

@@ -1,4 +1,4 @@
-"""What a line of a log of ``rig record`` may hold; whatever else it holds is refused before a device is played from it."""
+"""Validates the lines of a log of ``rig record`` before a device is played from them."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -7,7 +7,7 @@ MAX_TRANSFER = 1 << 16
 
 
 def check_exchange(exchange: Any) -> None:
-    """Raises ``ValueError`` for what is neither a transfer on a bus nor bytes on a port, as docs/recording.md has them."""
+    """Raises ``ValueError`` unless it is a bus transfer or bytes of a port, as in docs/recording.md."""
     if not isinstance(exchange, Mapping):
         raise ValueError("it is no JSON object")
     _number(exchange, "t")
@@ -28,7 +28,7 @@ def check_exchange(exchange: Any) -> None:
 
 
 def check_config(config: Any) -> None:
-    """Raises ``ValueError`` for what cannot be the configuration in a log's header: sections, one of them a camera's."""
+    """Raises ``ValueError`` unless it can be a header's configuration: sections, one of them a camera's."""
     if not isinstance(config, Mapping) or not all(
         isinstance(section, Mapping) for section in config.values()
     ):

@@ -13,7 +13,7 @@ LOG_VERSION = 1
 
 
 def load_log(path: Path) -> tuple[dict[str, Any], list[Exchange]]:
-    """The configuration and the exchanges of a log. A last line that a crash cut off is left out.
+    """The configuration and the exchanges of a log. A truncated last line is dropped.
 
     Raises:
         SimulationError: it cannot be read, or is no such log.

@@ -1,8 +1,9 @@
-"""Plays a log of ``rig record`` back: recorded devices on pseudo-terminals and an I2C bridge, a camera that shows grey.
+"""Plays a log of ``rig record`` back: recorded devices on pseudo-terminals and an I2C bridge, a camera with grey
+pictures.
 
-A device that was asked answers each request as it did when it was asked the same in the same situation
-(``sim.replay.response_lookup``); one that talks unasked says the same bytes after the same pauses, over and
-over. What the log cannot answer is told. The format of the log is described in docs/recording.md.
+Answering devices repeat the answer of the same request in the same situation (``sim.replay.response_lookup``); talkers
+repeat their bytes with the same pauses. Requests that the log cannot answer are reported. The log's format is described
+in docs/recording.md.
 """
 
 import json
@@ -27,7 +28,7 @@ NOTES_SHOWN = 3
 
 
 class ReplayNotes:
-    """What the log could not answer, each told once, and which devices were asked more than it holds."""
+    """Collects unanswered requests, each once, and devices with more requests than recorded."""
 
     def __init__(self, exchanges: Sequence[Exchange]) -> None:
         self._told: dict[str, None] = {}
@@ -35,17 +36,17 @@ class ReplayNotes:
         self._ends_s = max(float(exchange["t"]) for exchange in exchanges)
 
     def about(self, device: str) -> Say:
-        """Where a device tells what it was asked in vain."""
+        """The callback for a device's unanswered requests."""
         return lambda what: self._told.setdefault(f"the log {what} ({device})")
 
     def watch(
         self, name: str, here: Sequence[tuple[Exchange, int]], device: ReplayedChip | ReplayedServos
     ) -> None:
-        """Look at the end whether ``device`` was asked more than the exchanges that are ``here``."""
+        """Check at the end whether ``device`` got more requests than the exchanges ``here``."""
         self._asked.append((name, float(here[-1][0]["t"]), device))
 
     def lines(self, failed: bool) -> list[str]:
-        """What the log does not hold, and, of a command that failed, where it ends."""
+        """The missing requests, and for a failed command where the log ends."""
         told = list(self._told)
         if failed:
             told += [
@@ -65,17 +66,17 @@ class ReplayNotes:
 
 @dataclass(frozen=True)
 class Replay:
-    """Devices that are being played back."""
+    """The devices of a playback."""
 
     config_path: Path
     environment: Mapping[str, str]
-    """For the command: its configuration, and the clock of then."""
+    """Environment of the command: configuration and recorded clock."""
     notes: ReplayNotes
 
 
 @contextmanager
 def replayed(path: Path) -> Iterator[Path]:
-    """Devices that behave as the log says, while the context lasts; the path of a rig configuration for them.
+    """Play devices back while the context lasts; yields the path of a rig configuration for them.
 
     Raises:
         SimulationError: as ``load_log``.
@@ -86,7 +87,7 @@ def replayed(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def replaying(path: Path) -> Iterator[Replay]:
-    """The same, with all that a command needs to know of it.
+    """As ``replayed``, with environment and notes.
 
     Raises:
         SimulationError: as ``load_log``.
@@ -110,7 +111,7 @@ def replaying(path: Path) -> Iterator[Replay]:
         def epoch_now() -> int:
             return head.epoch() if head else 0
 
-        # What answers comes first: what talks has to know where the head is.
+        # Answering devices first: talkers need to know the head's epoch.
         for number, name in enumerate(sorted(by_port, key=lambda port: (port not in asked, port))):
             port = PtyPort()
             running.callback(port.close)
@@ -139,7 +140,7 @@ def replaying(path: Path) -> Iterator[Replay]:
 
 
 def _models(config: Mapping[str, Any]) -> dict[int, str]:
-    """The servos' models by id, as far as the log's configuration names them."""
+    """The servos' models by id, from the log's configuration."""
     head = config.get("pan_tilt")
     servos = [head.get(axis) for axis in ("pan", "tilt")] if isinstance(head, dict) else []
     return {
@@ -172,7 +173,7 @@ def _bridge(
 
 
 def _clock_of_then(path: Path, folder: Path) -> dict[str, str]:
-    """Declination and drift depend on the date: the command is to have the one of then."""
+    """Environment with the recorded clock, as declination and drift depend on the date."""
     from sim.documents import values_of
 
     try:
@@ -200,7 +201,7 @@ def renamed(value: Any, names: Mapping[str, str]) -> Any:
 
 
 def toml(tables: Mapping[str, Any], prefix: str = "") -> str:
-    """TOML of nested tables of plain values and lists of these; a list of tables is left out where it is empty."""
+    """TOML of nested tables of plain values and lists; an empty list of tables is omitted."""
     lines, below = [], []
     for key, value in tables.items():
         if isinstance(value, dict):

@@ -1,8 +1,8 @@
-"""What one device was asked and answered, and what it answers when it is asked again.
+"""Finds the recorded answer to a request of a repeated program run.
 
-A program that is run again does not ask exactly as before: it polls more or less often, takes more or fewer samples, tries
-again what failed, opens the device twice. So an answer is found by what is asked and by what the device was told to do
-before, not by its place in the log: the reading after a SET pulse is one that followed a SET pulse then.
+A repeated run does not send exactly the same requests: polls, samples, retries and openings differ. So an answer is
+found by the request and the preceding commands, not by its position in the log: the reading after a SET pulse is one
+that followed a SET pulse.
 """
 
 from bisect import bisect_right
@@ -12,19 +12,19 @@ from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 CONTEXT = 2
-"""Commands before a request that decide which of its answers fits: a pulse and the measurement after it are two."""
+"""Number of preceding commands that select the answer: a pulse and the measurement after it are two."""
 
 LAST_OF_A_STOP = 40
-"""Readings at the end of a stop of the head that are said again where more are wanted: some half a second of a chip's."""
+"""Readings at the end of a head stop that are repeated if more are needed: about half a second of a chip's."""
 
 Answer = TypeVar("Answer")
 
 
 @dataclass(frozen=True)
 class RecordedExchange(Generic[Answer]):
-    """One exchange. A command changes what the device does, a request that is none only asks.
+    """One exchange. A command changes the device's state, other requests do not.
 
-    ``epoch`` counts the goals that the head had been given: what was read at one of its stops has the same.
+    ``epoch`` is the number of goals given to the head before: constant during one stop.
     """
 
     request: Hashable
@@ -34,11 +34,11 @@ class RecordedExchange(Generic[Answer]):
 
 
 class ResponseLookup(Generic[Answer]):
-    """The exchanges with one device, in order. ``epoch`` tells at which stop of the head the program is now.
+    """The exchanges with one device, in order. ``epoch`` returns the program's present stop of the head.
 
-    The same request several times in a row is a poll: it gets the answers of then in their order, and the last one for as
-    long as it goes on. Any other request gets the answer that came after the same commands; of several such one of this stop of
-    the head, and of these the next in the log, which begins anew where it ends.
+    A repeated request is a poll: it gets the recorded answers in order, then the last one. Other requests get the
+    answer after the same commands; of several one of the same stop, and of these the next in the log, which wraps
+    around.
     """
 
     def __init__(
@@ -48,7 +48,7 @@ class ResponseLookup(Generic[Answer]):
         *,
         cut_polls_go_on: bool = False,
     ) -> None:
-        """``cut_polls_go_on``: a poll that the end of the log cuts off is answered from another place, where it ends."""
+        """``cut_polls_go_on``: a poll cut off by the end of the log continues with a complete one elsewhere."""
         self._exchanges = exchanges
         self._cut_polls_go_on = cut_polls_go_on
         self._epoch = epoch
@@ -68,21 +68,21 @@ class ResponseLookup(Generic[Answer]):
 
     @property
     def requests(self) -> Iterable[Hashable]:
-        """Everything that was ever asked."""
+        """All recorded requests."""
         return self._starts.keys()
 
     @property
     def at(self) -> RecordedExchange[Answer] | None:
-        """The exchange that was repeated last."""
+        """The exchange repeated last."""
         return None if self._at is None else self._exchanges[self._at]
 
     @property
     def ran_out(self) -> bool:
-        """Whether more was asked than then, so that the log had to begin anew."""
+        """Whether more was requested than recorded, so that the log wrapped around."""
         return self._ran_out
 
     def answer(self, request: Hashable) -> Answer | None:
-        """What was answered to ``request``; None where it was never made."""
+        """The recorded answer to ``request``; None if it was never made."""
         if self._at is not None and self._exchanges[self._at].request == request:
             after = self._at + 1
             if after < len(self._exchanges) and self._exchanges[after].request == request:
@@ -104,7 +104,7 @@ class ResponseLookup(Generic[Answer]):
         return self._exchanges[best].answer
 
     def _best(self, starts: Sequence[int]) -> int:
-        """Of the places where a request was made, the one after the same commands, at this stop, next in the log."""
+        """The best position for a request: after the same commands, at this stop, next in the log."""
         after = -1 if self._at is None else self._at
         following = starts[bisect_right(starts, after) % len(starts)]
         now = self._epoch()
@@ -121,7 +121,7 @@ class ResponseLookup(Generic[Answer]):
         return here[next_here % len(here)]
 
     def _alike(self, number: int) -> int:
-        """How many commands before this place of the log are those of now, counted back."""
+        """Number of commands before this position that match the present ones, counted backwards."""
         count = 0
         for now, then in zip(reversed(self._before), reversed(self._contexts[number]), strict=False):
             if now != then:
@@ -131,5 +131,5 @@ class ResponseLookup(Generic[Answer]):
 
 
 def epoch_heard(epochs: Sequence[int], now: int) -> int:
-    """Of the epochs at which a device was asked (ascending), the one that stands for ``now``: the last before, or the first."""
+    """The recorded epoch (of the ascending ones) that stands for ``now``: the last before it, or the first."""
     return epochs[max(0, bisect_right(epochs, now) - 1)]

@@ -1,7 +1,8 @@
-"""Rigs fresh from the workshop, calibrated by the real ``rig calibrate`` and judged by what their bundles then say.
+"""Trial of the calibrations: uncalibrated simulated rigs, calibrated by the real ``rig calibrate`` and judged by their
+bundles.
 
-Each rig is calibrated in the order of the manual at the place that ``rig calibrate sites`` advises, takes a bundle there, and
-with what it has learnt another one at another place, drawn without advice, some driving later.
+Each rig is calibrated in the documented order at a place recommended by ``rig calibrate sites``, takes a bundle there,
+and another one at a random place after some driving.
 """
 
 import csv
@@ -42,15 +43,15 @@ LIMITS = {
     "azimuth_by_boresight_deg": 0.05,
     "altitude_m": 3.0,
 }
-"""How far a bundle of a calibrated rig may be off."""
+"""Limits of the errors of a calibrated rig's bundle."""
 
 
 @dataclass(frozen=True)
 class RigResult:
-    """One rig: what was wrong with it, what is left in its bundles, or why it was refused.
+    """One rig: its initial errors, the remaining ones in its bundles, or why it was rejected.
 
-    Tilt, roll and relative azimuth are the larger of both bundles' errors, the azimuth by compass and the altitude those of the
-    other place, the azimuth by boresight that of the known place.
+    Tilt, roll and relative azimuth are the larger error of both bundles; azimuth by compass and altitude are those of
+    the other place, azimuth by boresight that of the known place.
     """
 
     seed: int
@@ -76,7 +77,7 @@ class RigResult:
 
 
 class _CameraScene:
-    """What the camera sees: the world, or the board while it is held up. Keeps where it looked."""
+    """The camera's scene: the world, or the calibration target while it is held up. Logs the camera's attitude."""
 
     def __init__(self, world: World) -> None:
         self.log = CameraLog()
@@ -102,8 +103,8 @@ def calibrate_rigs(
 ) -> list[RigResult]:
     """Calibrate one rig for each seed, ``jobs`` at a time.
 
-    ``on_result`` is told of each when it is done, ``keep`` gets files and bundles. Whatever ends this early ends the rigs that
-    have begun.
+    ``on_result`` is called for each finished rig, ``keep`` is a folder for files and bundles. An early end stops the
+    running ones.
     """
     one = partial(calibrate_rig, list(dem_paths), scenario, keep=keep)
     results = []
@@ -137,7 +138,7 @@ def calibrate_rig(
 
 
 def write_csv(results: Sequence[RigResult], path: Path) -> None:
-    """One row a rig."""
+    """Write one row per rig."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("w", newline="", encoding="utf-8") as file:
@@ -151,7 +152,7 @@ def write_csv(results: Sequence[RigResult], path: Path) -> None:
 def _errors(
     dem_paths: Sequence[Path], scenario: Scenario, world: World, folder: Path
 ) -> tuple[BundleError, BundleError]:
-    """What is left in the bundle of the known place, and in that of the other place."""
+    """Errors of the bundle at the known place, and of that at the other place."""
     with _running(world, None) as (rig, sight):
         files = _calibrate(rig, sight, world, dem_paths, folder)
         known = _capture(rig, sight, world, folder / "known")
@@ -168,9 +169,9 @@ def _running(
     sight = _CameraScene(world)
     with simulated_rig(world, picture=sight.picture, calibration=calibration) as rig:
         config = rig.config_path.read_text(encoding="utf-8")
-        # As a careful installer has it: the gears' play stays on one side.
+        # As a careful installer configures it: backlash stays on one side.
         config = config.replace("[pan_tilt]\n", f"[pan_tilt]\ntake_up_deg = {TAKE_UP_DEG}\n")
-        # Several rigs at once render their pictures slowly; what the camera does when it hangs is not tried here.
+        # Parallel rigs render slowly; camera timeouts are not tested here.
         config = config.replace(
             "[camera]\n", f"[camera]\nopen_timeout_s = {PATIENCE_S}\nread_timeout_s = {PATIENCE_S}\n"
         )
@@ -179,7 +180,7 @@ def _running(
 
 
 def _at_good_site(dem_paths: Sequence[Path], scenario: Scenario, seed: int) -> Scenario:
-    """The crew drives from where it is to the best place around that the tool knows."""
+    """The scenario at the best nearby place recommended by the tool."""
     start = World.create(dem_paths, scenario, seed).place
     dem = [word for path in dem_paths for word in ("--dem", str(path))]
     near = f"{start.lat_deg:.5f},{start.lon_deg:.5f}"
@@ -201,7 +202,7 @@ def _at_good_site(dem_paths: Sequence[Path], scenario: Scenario, seed: int) -> S
 
 
 def _later(scenario: Scenario) -> Scenario:
-    """The next stop of the same trip."""
+    """The scenario of the next stop of the same trip."""
     place = scenario.place.model_copy(
         update={"stop": scenario.place.stop + 1, "lat_deg": None, "lon_deg": None}
     )
@@ -213,7 +214,7 @@ def _later(scenario: Scenario) -> Scenario:
 def _calibrate(
     rig: SimulatedRig, sight: _CameraScene, world: World, dem_paths: Sequence[Path], folder: Path
 ) -> dict[str, Path]:
-    """All five calibrations in their order; the files by kind."""
+    """Run all five calibrations in order; their files by kind."""
     driving = world.rng("steering")
     air_c = world.air_temperature_c + world.biases.reference_temperature_error_c
     at = ["--at", f"{world.place.lat_deg:.7f},{world.place.lon_deg:.7f}"]
@@ -252,7 +253,7 @@ def _require(done: Done) -> None:
 
 
 def _write_errors(path: Path, world: World, known: BundleError, other: BundleError) -> None:
-    """What was wrong with the rig and what is left in each frame of both bundles, to tell which step an error comes from."""
+    """Write the rig's initial errors and the remaining ones of each frame, to trace an error to its step."""
     content = {"biases": asdict(world.biases), "known": asdict(known), "other": asdict(other)}
     path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 

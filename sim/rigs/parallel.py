@@ -1,4 +1,4 @@
-"""Work for several processes, none of which outlives whoever started it."""
+"""Runs work in several processes, none of which outlives the caller."""
 
 import multiprocessing
 import signal
@@ -12,17 +12,17 @@ from typing import Any, TypeVar
 from localizer.errors import SkyfixError
 
 ENDS_WITHIN_S = 30.0
-"""A process that is told to end cleans up; one that takes longer is killed."""
+"""Time for the clean-up of a terminated process before it is killed."""
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 
 def run_in_parallel(one: Callable[[Item], Result], items: Sequence[Item], jobs: int) -> Generator[Result]:
-    """What ``one`` makes of each item in a process of its own, ``jobs`` at a time, as they are done.
+    """Results of ``one`` for each item, each in its own process, ``jobs`` at a time, in order of completion.
 
-    A ``SkyfixError`` there is raised here. Where the iteration ends early (close it), whatever ends it, the processes that
-    run are told to by SIGTERM, on which ``one`` is left by ``SystemExit``, and waited for.
+    A ``SkyfixError`` there is raised here. If the iteration ends early (close it), running processes get SIGTERM, which
+    raises ``SystemExit`` in ``one``, and are waited for.
     """
     waiting = list(reversed(items))
     running: dict[Connection, BaseProcess] = {}
@@ -54,7 +54,7 @@ def run_in_parallel(one: Callable[[Item], Result], items: Sequence[Item], jobs: 
 
 
 def _received(result: Connection, process: BaseProcess) -> Any:
-    """What ``_work`` tells: the result, or the error."""
+    """The result of ``_work``, or its error."""
     with result:
         try:
             return result.recv()
@@ -74,6 +74,6 @@ def _work(one: Callable[[Item], Result], item: Item, result_pipe: Connection) ->
 
 
 def _end(number: int, frame: FrameType | None) -> None:
-    """Once: a second signal must not disturb the cleaning up."""
+    """Only once: a second signal must not interrupt the clean-up."""
     signal.signal(number, signal.SIG_IGN)
     sys.exit(128 + number)

@@ -1,8 +1,7 @@
 """The exact skyline row of every image column, without an image.
 
-A column of a tilted, rolled or distorted camera runs across azimuths, so the row where it leaves the terrain
-solves elevation(u, v) = horizon(azimuth(u, v)); the secant method finds it in some three looks at the
-horizon.
+A column of a tilted, rolled or distorted camera crosses azimuths, so the row where it leaves the terrain solves
+elevation(u, v) = horizon(azimuth(u, v)); the secant method needs about three evaluations of the horizon.
 """
 
 import numpy as np
@@ -77,10 +76,9 @@ def undistorted(intrinsics, u, v):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _above_horizon(terrain, viewpoint, intrinsics, rotation, u, v, guess, buffers):  # type: ignore[no-untyped-def]
-    """How far the line of sight through (u, v) passes above the horizon, as a difference of tangents; the
-    horizon's own.
+    """Tangent of the line of sight through (u, v) minus that of the horizon, and the horizon's own.
 
-    ``guess`` is a tangent that the horizon is expected near; it changes the time taken, not the answer.
+    ``guess`` is an expected tangent of the horizon; it affects the run time, not the result.
     """
     x, y = undistorted(intrinsics, u, v)
     east = rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2]

@@ -29,7 +29,7 @@ def draw_place(
 ) -> Observer:
     """The camera at a place that meets the scenario's conditions.
 
-    ``allowed`` (rows, cols) narrows a drawn place down further.
+    ``allowed`` (rows, cols) restricts a drawn place further.
 
     Raises:
         SimulationError: there is no such place.
@@ -88,7 +88,7 @@ def true_place(surface: Surface, observer: Observer) -> TruePlace:
 
 
 def _on_water(surface: Surface, row: int, col: int) -> bool:
-    """Whether all cells around have the same height: sea and lakes are flat in a DEM, land hardly ever."""
+    """Whether all cells around have the same height: water is flat in a DEM, land hardly ever."""
     i, j = max(row - WATER_REACH_CELLS, 0), max(col - WATER_REACH_CELLS, 0)
     around = surface.height_m[i : row + WATER_REACH_CELLS + 1, j : col + WATER_REACH_CELLS + 1]
     return bool((around == around[0, 0]).all())
@@ -96,14 +96,14 @@ def _on_water(surface: Surface, row: int, col: int) -> bool:
 
 @lru_cache(maxsize=4)
 def _distance_from_edge_m(surface: Surface) -> Array:
-    """How far each lattice point is from the nearest void or the DEM's edge, metres (rows, cols)."""
+    """Distance of each lattice point from the nearest void or the DEM's edge, metres (rows, cols)."""
     known = np.pad(np.isfinite(surface.height_m), 1, constant_values=False)
     inside: Array = ndimage.distance_transform_edt(known, sampling=surface.terrain.cell_size_m())[1:-1, 1:-1]
     return inside
 
 
 def _enclosed_fraction(surface: Surface, observer: Observer, inside_m: Array, margin_m: float) -> float:
-    """Share of the azimuths whose horizon is terrain well inside the DEM, above whatever its rim shows."""
+    """Share of azimuths whose horizon is terrain well inside the DEM."""
     _, distance_m = surface.horizon(observer, PLACE_AZIMUTHS_DEG)
     seen = np.isfinite(distance_m)
     rows, cols = surface.lattice(observer, PLACE_AZIMUTHS_DEG, np.where(seen, distance_m, 0.0))

@@ -31,12 +31,12 @@ SKIES: tuple[Literal["clear", "scattered", "broken", "overcast"], ...] = (
 
 
 def random_generator(seed: int | Sequence[int], purpose: str) -> np.random.Generator:
-    """The generator of one purpose: streams of different purposes are independent."""
+    """The random generator of one purpose; streams of different purposes are independent."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(zlib.crc32(purpose.encode()),)))
 
 
 def draw_base(scenario: Scenario, rng: np.random.Generator) -> Attitude:
-    """Vehicle parked anyhow: lean of any direction, up to the largest one with equal chance per area."""
+    """Attitude of the parked vehicle: tilt in a random direction, uniform per area up to the largest."""
     heading = rng.uniform(0.0, 360.0)
     lean = scenario.vehicle.max_tilt_deg * np.sqrt(rng.uniform())
     towards = rng.uniform(0.0, 2.0 * np.pi)
@@ -114,7 +114,7 @@ def draw_biases(scenario: Scenario, temperature_c: float, seed: int) -> Biases:
 
 
 def _bent(rng: np.random.Generator, sigma: float) -> tuple[tuple[float, float, float], ...]:
-    """A symmetric matrix close to the identity: what soft iron makes of a field."""
+    """A symmetric matrix close to the identity: the effect of soft iron."""
     random = np.triu(rng.normal(size=(3, 3))) * sigma
     return tuple(_triple(row) for row in np.eye(3) + random + np.triu(random, 1).T)
 
@@ -125,7 +125,7 @@ def _triple(vector: Array) -> tuple[float, float, float]:
 
 
 def draw_reference(surface: Surface, air: Air, biases: Biases, rng: np.random.Generator) -> PressureReference:
-    """The crew read the pressure at some known point of the area, low down, where roads are."""
+    """Reference pressure, read by the crew at a known point at low altitude, where roads are."""
     known = surface.height_m[np.isfinite(surface.height_m)]
     altitude_m = float(np.round(np.quantile(known, rng.uniform(0.05, 0.5))))
     return PressureReference(

@@ -39,7 +39,7 @@ def triangle_at(height_m, row, col):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def ray_polynomial(track, azimuth):  # type: ignore[no-untyped-def]
-    """Coefficients (2, TRACK_DEGREE + 1) of row and column offsets in distance / reach on one azimuth."""
+    """Coefficients (2, TRACK_DEGREE + 1) of row and column offsets in distance / reach along one azimuth."""
     sines, cosines = np.ones(TRACK_DEGREE + 1), np.ones(TRACK_DEGREE + 1)
     for n in range(TRACK_DEGREE):
         sines[n + 1] = sines[n] * np.sin(azimuth)
@@ -67,7 +67,7 @@ def ray_position(ray, x):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, inline="always")
 def _first_crossing(at, step):  # type: ignore[no-untyped-def]
-    """When a coordinate next meets a whole number, in steps, and the time between such meetings."""
+    """Time at which a coordinate next reaches a whole number, in steps, and the time between such crossings."""
     if step > 0.0:
         return (np.floor(at) + 1.0 - at) / step, 1.0 / step
     if step < 0.0:

@@ -1,6 +1,6 @@
-"""The scenario: the size of every error source of the simulated rig, realistic unless a file says otherwise.
+"""The scenario: the size of every error source of a simulated rig; defaults are realistic.
 
-Sigmas are what a draw is made from; the values drawn for one seed are in ``World.biases``.
+Sigmas are those of the random draws; the values drawn for a seed are in ``World.biases``.
 """
 
 from pathlib import Path
@@ -24,7 +24,7 @@ BarometerQuirk = Literal[
     "two-decimals", "engine-first", "two-pressures", "empty-group", "hpa-labelled-bar", "two-barometers", "inches-finer",
     "kelvin",
 ]  # fmt: skip
-"""Of talkers: what other people's were seen to send in place of their kind's sentence."""
+"""Quirks of talkers: reported non-standard sentences, sent instead of the standard one."""
 ServoModel = Literal["XM430-W350", "XL430-W250"]
 Sky = Literal["clear", "scattered", "broken", "overcast", "drawn"]
 
@@ -38,13 +38,13 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 class Section(BaseModel):
-    """Immutable, and no key that it does not know."""
+    """Immutable, without unknown keys."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 class Place(Section):
-    """Where the vehicle stands: drawn under these conditions, or given in WGS84 by both coordinates."""
+    """The vehicle's place: drawn under these conditions, or given in WGS84 by both coordinates."""
 
     lat_deg: Latitude | None = None
     lon_deg: Longitude | None = None
@@ -65,7 +65,7 @@ class Place(Section):
 
 
 class Vehicle(Section):
-    """The base that the head stands on."""
+    """The vehicle: the base of the head."""
 
     mast_height_m: Positive = 2.0
     max_tilt_deg: Annotated[float, Field(ge=0.0, le=30.0)] = 6.0  # of the base, in a random direction
@@ -73,7 +73,7 @@ class Vehicle(Section):
 
 
 class Boresight(Section):
-    """How the camera sits in the head, unknown to the rig."""
+    """Mounting error of the camera in the head, unknown to the rig."""
 
     azimuth_sigma_deg: NonNegative = 0.05
     tilt_sigma_deg: NonNegative = 0.01
@@ -196,7 +196,7 @@ class Weather(Section):
 
 
 class CameraOptics(Section):
-    """The camera as it truly is, and how far off is what the rig is told of it."""
+    """The true camera, and the errors of the intrinsics given to the rig."""
 
     width_px: Annotated[int, Field(ge=16, le=4096)] = 640
     height_px: Annotated[int, Field(ge=16, le=4096)] = 480
@@ -223,7 +223,7 @@ class CameraOptics(Section):
 
 
 class Scenario(Section):
-    """Everything that a simulated world is drawn from, besides the terrain and the seed."""
+    """All parameters of a simulated world, besides the terrain and the seed."""
 
     place: Place = Place()
     vehicle: Vehicle = Vehicle()
@@ -247,7 +247,7 @@ def load_scenario(path: Path | None) -> Scenario:
 
 
 def read_toml(path: Path, model: type[Model], example: str) -> Model:
-    """Read a TOML file that says what ``model`` does; ``example`` names a file that does it right.
+    """Read a TOML file into ``model``; ``example`` names a correct file for errors.
 
     Raises:
         SimulationError: the file cannot be read, is no TOML, or has a key or value that the model does not have.

@@ -1,10 +1,9 @@
-"""The terrain as triangles, and what straight lines of sight over it meet.
+"""The terrain as a triangulated surface, with heights, slopes, horizons and profiles.
 
-Every cell of the lattice is split by its north-west to south-east diagonal. A line of sight from an observer
-follows a geodesic of the WGS84 ellipsoid at a true azimuth; its track through the lattice is cut into chunks
-a few cells long that count as straight (their sagitta is millimetres), and every crossing with a row line, a
-column line or a diagonal is met exactly. Between crossings the height is linear in distance, so the polyline
-is the surface, not a sampling of it.
+Every cell of the lattice is split by its north-west to south-east diagonal. A line of sight follows a geodesic of the
+WGS84 ellipsoid at a true azimuth. Its track through the lattice is cut into chunks a few cells long that count as
+straight (their sagitta is millimetres), and each crossing with a row line, a column line or a diagonal is computed
+exactly. Between crossings the height is linear in distance, so the polyline is the surface itself, not a sampling.
 
 The apparent drop at distance x is (1 - k) x**2 / (2 R).
 """
@@ -44,7 +43,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Observer:
-    """An eye above the terrain, with the lattice as it lies around it.
+    """An observer above the terrain, with the lattice around it.
 
     ``track`` holds, for rows and columns, the coefficients of a polynomial in (east, north) / reach_m, east
     and north being distance times sine and cosine of the true azimuth of the geodesic: an azimuthal
@@ -74,7 +73,7 @@ class Surface:
 
     @property
     def kernel(self) -> tuple[NDArray[np.float32], NDArray[np.float32], float, float, float]:
-        """The surface as the compiled functions take it."""
+        """The surface as input of the compiled functions."""
         return self.height_m, self.block_max_m, self.max_height_m, self.drop_per_m2, self.chunk_m
 
     def height(self, row: float, col: float) -> float:
@@ -94,7 +93,7 @@ class Surface:
         return float(np.degrees(np.arctan(np.hypot(per_row / south_m, per_col / east_m))))
 
     def observer(self, row: float, col: float, altitude_m: float) -> Observer:
-        """An eye at a lattice position, ``altitude_m`` above the DEM's datum.
+        """An observer at a lattice position, ``altitude_m`` above the DEM's datum.
 
         Raises:
             SimulationError: the lattice around it is too strange for the polynomial that tracks follow.
@@ -139,7 +138,7 @@ class Surface:
         """Elevation angle of the horizon, degrees, and its distance, metres; NaN without terrain."""
         azimuth = np.ascontiguousarray(np.radians(azimuth_deg), dtype=np.float64)
         tangent, distance_m = np.empty_like(azimuth), np.empty_like(azimuth)
-        # Threads that must wait for each other cost more than a few azimuths are worth.
+        # For few azimuths the overhead of threads exceeds their gain.
         fill = horizons if len(azimuth) <= 2 * AZIMUTHS_PER_TASK else many_horizons
         fill(self.kernel, track_of(observer), azimuth, tangent, distance_m)
         return np.degrees(np.arctan(tangent)), distance_m
@@ -157,12 +156,12 @@ class Surface:
 
 
 def track_of(observer: Observer) -> tuple[float, float, float, float, Array]:
-    """An observer as the compiled functions take it: row, col, altitude_m, reach_m, track."""
+    """An observer as input of the compiled functions: row, col, altitude_m, reach_m, track."""
     return observer.row, observer.col, observer.altitude_m, observer.reach_m, observer.track
 
 
 def _disc(rings: int, spokes: int) -> Array:
-    """Points (n, 2) that cover the unit disc, denser at its rim, where a polynomial strays first."""
+    """Points (n, 2) that cover the unit disc, denser at its rim, where polynomial fits are worst."""
     radius = np.sin(0.5 * np.pi * (np.arange(rings) + 1) / rings)
     angle = 2.0 * np.pi * (np.arange(spokes) + 0.3) / spokes
     return np.column_stack([np.outer(radius, np.sin(angle)).ravel(), np.outer(radius, np.cos(angle)).ravel()])
@@ -170,7 +169,7 @@ def _disc(rings: int, spokes: int) -> Array:
 
 @cache
 def _track_fit() -> tuple[Array, Array, Array, Array]:
-    """Where the track's polynomial is fitted, the least-squares solution there, where it is checked, its terms there."""
+    """Fit points of the track's polynomial, the least-squares solution there, check points, and the monomials there."""
     fit_at, check_at = _disc(15, 40), _disc(6, 17)
     solve = np.asarray(np.linalg.pinv(_monomials(fit_at)), dtype=np.float64)
     return fit_at, solve, check_at, _monomials(check_at)

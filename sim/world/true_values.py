@@ -23,7 +23,7 @@ KELVIN = 273.15
 
 @dataclass(frozen=True)
 class TruePlace:
-    """Where the vehicle stands; ``row`` and ``col`` in the DEM file's grid, cell centres at whole numbers."""
+    """The vehicle's place; ``row`` and ``col`` in the DEM file's grid, cell centres at whole numbers."""
 
     lat_deg: float
     lon_deg: float
@@ -38,7 +38,7 @@ class TruePlace:
 
 @dataclass(frozen=True)
 class Biases:
-    """What was drawn from the scenario's sigmas: constant errors of this rig on this day."""
+    """Constant errors of this rig on this day, drawn from the scenario's sigmas."""
 
     boresight: Attitude
     pan_zero_deg: float  # true joint angle less what the installer's zero tick makes of it
@@ -93,7 +93,7 @@ class Air:
 
 @dataclass(frozen=True)
 class PressureReference:
-    """What the crew wrote down before they left, with their errors, for the rig's configuration."""
+    """Reference pressure as noted by the crew, with errors, for the rig's configuration."""
 
     pressure_hpa: float
     altitude_m: float
@@ -116,7 +116,7 @@ class MagneticField:
 
 @dataclass(frozen=True)
 class Standpoint:
-    """Where the vehicle is, the eye there, and the field."""
+    """The vehicle's place, the camera's optical centre there, and the magnetic field."""
 
     place: TruePlace
     observer: Observer
@@ -125,7 +125,7 @@ class Standpoint:
 
 @dataclass
 class Vehicle:
-    """What changes when the vehicle drives: where it stands, how it moves, how much it shakes meanwhile (one sigma)."""
+    """What changes when the vehicle drives: place, motion, and vibration (one sigma)."""
 
     standpoint: Standpoint
     speed_m_s: float = 0.0

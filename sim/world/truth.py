@@ -1,7 +1,7 @@
-"""The truth: one object that holds everything a simulated rig's devices measure.
+"""The truth: one object with everything that a simulated rig's devices measure.
 
-A world is drawn from terrain, scenario and seed. Every purpose has a random generator of its own, spawned
-from the seed, so that one more draw for one purpose changes nothing for the others.
+A world is drawn from terrain, scenario and seed. Every purpose has its own random generator, spawned from the seed, so
+that an additional draw for one purpose does not affect others.
 """
 
 from collections.abc import Sequence
@@ -40,7 +40,7 @@ MOTOR_FIELD_DIRECTION = np.array([0.6, 0.64, 0.48])  # in the pan stage
 
 @dataclass(frozen=True)
 class World:
-    """The truth about one simulated rig. Immutable but for where the joints are and where and how the vehicle stands."""
+    """The truth about one simulated rig. Immutable, except for the joints and the vehicle's place and motion."""
 
     scenario: Scenario
     seed: int
@@ -65,7 +65,7 @@ class World:
 
     @classmethod
     def around(cls, surface: Surface, observer: Observer, scenario: Scenario, seed: int) -> "World":
-        """Draw everything but the place: ``observer`` is the camera's optical centre."""
+        """Draw everything except the place: ``observer`` is the camera's optical centre."""
         place = true_place(surface, observer)
         base = draw_base(scenario, random_generator(seed, _at_stop("base", scenario)))
         air = draw_air(scenario, random_generator(seed, "weather"))
@@ -84,7 +84,7 @@ class World:
 
     @property
     def place(self) -> TruePlace:
-        """Where the vehicle stands."""
+        """The vehicle's place."""
         return self.vehicle.standpoint.place
 
     @property
@@ -94,11 +94,11 @@ class World:
 
     @property
     def field(self) -> MagneticField:
-        """The Earth's field there."""
+        """The Earth's magnetic field there."""
         return self.vehicle.standpoint.field
 
     def standpoint_at(self, lat_deg: float, lon_deg: float) -> Standpoint:
-        """Another place in this world, for the vehicle to drive to.
+        """Another place in this world for the vehicle.
 
         Raises:
             SimulationError: the DEM has no height there.
@@ -107,7 +107,7 @@ class World:
         return _standpoint(self.scenario, self.biases, true_place(self.surface, observer), observer)
 
     def rng(self, purpose: str) -> np.random.Generator:
-        """A generator of its own for a device's noise, the same one for the same seed and purpose."""
+        """The random generator of a device's noise; the same one for the same seed and purpose."""
         return random_generator(self.seed, purpose)
 
     def camera_rotation(self, pan_deg: float, tilt_deg: float) -> Rotation:
@@ -115,12 +115,12 @@ class World:
         return self.mechanics.camera_in_world(pan_deg, tilt_deg)
 
     def gravity_in_head(self, pan_deg: float, tilt_deg: float) -> Array:
-        """What a perfect accelerometer at rest reads in the head (3,), g: +1 along an axis that points up."""
+        """Ideal reading of a stationary accelerometer in the head (3,), g: +1 along an axis that points up."""
         up_in_head: Array = self.mechanics.head_in_world(pan_deg, tilt_deg)[2]
         return up_in_head.copy()
 
     def accelerometer_in_head(self, pan_deg: float, tilt_deg: float) -> Array:
-        """What the rig's own chip reads without noise (3,), g, in the axes that it should have: askew, off scale, off zero."""
+        """Noise-free reading of the rig's chip (3,), g, in its nominal axes, with mounting, scale and zero errors."""
         askew = turned_about_axes(self.biases.inclinometer_mounting_deg)
         seen = askew.T @ self.gravity_in_head(pan_deg, tilt_deg)
         reading: Array = seen * self.biases.inclinometer_scale
@@ -129,7 +129,8 @@ class World:
     def field_in_pan_stage(self, pan_deg: float, moving: bool = False, holding: bool = False) -> Array:
         """The field at the magnetometer (3,), µT, in the pan stage.
 
-        The Earth's with its local anomaly, bent by the iron of vehicle and pan stage, and the motors' while they draw current.
+        The Earth's field with its local anomaly, distorted by the iron of vehicle and pan stage, plus the motors' field
+        while they draw current.
         """
         biases, compass = self.biases, self.scenario.compass
         earth = self.mechanics.pan_stage_in_world(0.0).T @ np.array(self.field.enu_ut)
@@ -143,7 +144,7 @@ class World:
         return total
 
     def magnetic_heading_deg(self, pan_deg: float, moving: bool = False) -> float:
-        """Heading of the pan stage's y axis as a levelled talker finds it, calibrated hard iron removed."""
+        """Heading of the pan stage's y axis from a tilt-compensated talker with calibrated hard iron."""
         stage = self.mechanics.pan_stage_in_world(pan_deg)
         measured = self.field_in_pan_stage(pan_deg, moving) - np.array(self.biases.hard_iron_calibrated_ut)
         east, north, _ = stage @ measured
@@ -176,7 +177,7 @@ class World:
 
 
 def _at_stop(purpose: str, scenario: Scenario) -> str:
-    """A purpose that is drawn anew at each stop of a trip; the first is the one of no trip at all."""
+    """A purpose with a separate draw at each stop of a trip; the first stop has the plain name."""
     return f"{purpose} {scenario.place.stop}" if scenario.place.stop else purpose
 
 

@@ -19,11 +19,11 @@ class Sensor(Protocol[Reading_co]):
         ...
 
     def read_many(self, duration_s: float) -> Sequence[Reading_co]:
-        """All readings of some seconds, at least one."""
+        """All readings over a duration, at least one."""
         ...
 
     def close(self) -> None:
-        """Give its bus or port back."""
+        """Close its bus handle or port."""
         ...
 
 
@@ -49,7 +49,7 @@ class ReconnectingSensor(Generic[Reading_co]):
         return self._identity
 
     def read_many(self, duration_s: float) -> Sequence[Reading_co]:
-        """All readings of some seconds, at least one."""
+        """All readings over a duration, at least one."""
         if self._sensor is None:
             self._sensor = self._reconnected()
         try:
