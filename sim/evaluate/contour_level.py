@@ -20,7 +20,7 @@ SECANT_STEPS = 8
 def observation_of(
     truth: Truth, scenario: EvaluationScenario, columns_px: Array, disturbed: Disturbed
 ) -> Observation:
-    """What the localizer is given of a case."""
+    """The localizer's input for a case."""
     told = scenario.assumed_sigma
     errors = scenario.errors
     sigma_px = scenario.told.contour_sigma_px or max(
@@ -50,15 +50,15 @@ def searched_contour(
     scenario: EvaluationScenario,
     columns_px: Array,
 ) -> Array:
-    """The contour (n,) that the very surface that is searched has, by the localizer's own geometry.
+    """The contour (n,) of the searched surface itself, by the localizer's own geometry.
 
-    Whatever error remains then is the estimator's, not that of one surface against another. ``place``: row, col, altitude.
+    The remaining error is then the estimator's, not that between two surfaces. ``place``: row, col, altitude.
     """
     attitude = frame.attitude
     rotation = camera_to_world(attitude.heading_deg, attitude.pitch_deg, attitude.roll_deg)
 
     def above(rows: Array) -> Array:
-        """How far the lines of sight pass above the horizon, degrees."""
+        """Elevation of the lines of sight above the horizon, degrees."""
         azimuth, elevation = azimuth_elevation_deg(pixel_rays(scenario.camera, columns_px, rows) @ rotation.T)
         tangent, _ = horizon_around(terrain, *place, np.radians(azimuth))
         return np.asarray(elevation - np.degrees(np.arctan(tangent)))

@@ -1,4 +1,4 @@
-"""Cases with pictures: the world of a case is rendered and written down as a bundle, as a rig would."""
+"""Cases with pictures: a case's world is rendered and written as a bundle."""
 
 from datetime import UTC, datetime
 from pathlib import Path
@@ -22,7 +22,7 @@ CONTOUR_ONLY = ("foreground", "occlusion", "cloud")
 
 
 def refuse_contour_faults(scenario: EvaluationScenario) -> None:
-    """Raise SimulationError where a scenario has faults that exist at contour level only."""
+    """Raise SimulationError for faults that exist at contour level only."""
     present = [name for name in CONTOUR_ONLY if getattr(scenario, name) is not None]
     if present:
         raise SimulationError(
@@ -31,7 +31,7 @@ def refuse_contour_faults(scenario: EvaluationScenario) -> None:
 
 
 def write_pictures(truth: Truth, scenario: EvaluationScenario, seed: int, folder: Path) -> Bundle:
-    """Render all frames and write the bundle that a rig would have measured; ``seed`` draws weather and ground."""
+    """Render all frames and write the bundle of an ideal rig; ``seed`` draws weather and ground."""
     conditions = Scenario(
         place=scenario.place,
         vehicle=RigVehicle(mast_height_m=scenario.vehicle.mast_height_m),

@@ -1,4 +1,4 @@
-"""The DEM as the search gets it: whole, or a half of it that the vehicle is not on."""
+"""The DEM for the search: whole, or a half without the vehicle."""
 
 from functools import lru_cache
 from pathlib import Path
@@ -20,7 +20,7 @@ HALVES: tuple[Side, ...] = ("north", "south", "west", "east")
 
 @lru_cache(maxsize=8)
 def searched_terrain(dem: Path, side: Side = "whole", error_m: float | None = None) -> Terrain:
-    """The DEM, or one half of it, made ready for the search, once in a process; ``error_m``: what the search is told of it."""
+    """The DEM, or one half of it, prepared for the search, cached per process; ``error_m``: its stated error."""
     whole = load_dem([dem], error_m=error_m)
     if side != "whole":
         part = _half(whole.z_m.shape, side)
@@ -32,7 +32,7 @@ def searched_terrain(dem: Path, side: Side = "whole", error_m: float | None = No
 
 
 def terrain_of_twins(dem: Path, twins: TwinPlace, error_m: float | None = None) -> Terrain:
-    """The DEM of one case that holds the same surroundings twice."""
+    """The DEM of one case with duplicated surroundings."""
     whole = load_dem([dem])
     transform = whole.transform @ Affine.translation(twins.first_col, twins.first_row)
     terrain = prepare_terrain(dem_from_array(twins.surface.height_m, transform, whole.crs, error_m=error_m))

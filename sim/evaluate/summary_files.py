@@ -1,4 +1,4 @@
-"""The figures of an evaluation as files and as text."""
+"""Writes the summary of an evaluation as JSON, Markdown and plots."""
 
 import json
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ def write_summary(rows: Sequence[CaseRow], scenario: str, folder: Path) -> str:
 
 
 def summary_text(scenario: str, parts: dict[str, dict[str, Any]]) -> str:
-    """A Markdown table, one row per DEM, and how probable answers fared."""
+    """A Markdown table, one row per DEM, and the reliability of the stated probabilities."""
     head = [
         "cases of",
         "n",

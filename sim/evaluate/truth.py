@@ -1,4 +1,4 @@
-"""What is true in one case, and what its instruments say of it."""
+"""The truth of one case, and its sensor readings."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -27,7 +27,7 @@ NO_COMPASS_SIGMA_DEG = 180.0
 
 @dataclass(frozen=True)
 class TrueFrame:
-    """One look: the camera's attitude, and what the sensors make of it (heading: azimuth, pitch: tilt)."""
+    """One frame: the camera's attitude, and the attitude measured by the sensors (heading: azimuth, pitch: tilt)."""
 
     label: str
     attitude: Attitude
@@ -41,7 +41,7 @@ class TrueFrame:
 
 @dataclass(frozen=True)
 class Truth:
-    """Where a vehicle stands and how it looks around. ``measured_altitude_m`` is None without an altimeter."""
+    """The vehicle's place and its frames. ``measured_altitude_m`` is None without an altimeter."""
 
     surface: Surface
     observer: Observer
@@ -54,7 +54,7 @@ class Truth:
         return self.surface.terrain.easting_northing_m(self.observer.row, self.observer.col)
 
     def raised_to(self, altitude_m: float) -> "Truth":
-        """The same with the camera at another altitude; the altimeter's error stays what it is."""
+        """The truth with the camera at another altitude; the altimeter's error is unchanged."""
         rise_m = altitude_m - self.observer.altitude_m
         measured_m = self.measured_altitude_m
         return replace(
@@ -65,7 +65,7 @@ class Truth:
 
 
 def case_generators(seed: int, case: int) -> Generators:
-    """The generators of one case by purpose: the same ones whatever else is computed, and in whatever order."""
+    """The random generators of one case by purpose, independent of what else is computed."""
     return lambda purpose: random_generator([seed, case], purpose)
 
 
@@ -93,7 +93,7 @@ def draw_truth(
 
 
 def truth_at(surface: Surface, observer: Observer, scenario: EvaluationScenario, rng: Generators) -> Truth:
-    """Draw what the instruments say at a place."""
+    """Draw the sensor readings at a place."""
     errors = scenario.errors
     altitude_m = observer.altitude_m + errors.altitude_sigma_m * rng("altimeter").standard_normal()
     return Truth(

@@ -1,7 +1,7 @@
-"""A DEM that holds the same surroundings twice: a crop, its mirror image, and the crop again with some relief added.
+"""Makes a DEM with duplicated surroundings: a crop, its mirror image, and the crop again with added relief.
 
-The mirror image between them lets the heights go on without a step. The vehicle stands on either copy, where all that it sees
-lies within that copy.
+The mirror image between them avoids steps in height. The vehicle stands on either copy, and its whole horizon lies
+within that copy.
 """
 
 from collections.abc import Iterator
@@ -23,7 +23,7 @@ from sim.world.terrain import Terrain
 Array = NDArray[np.float64]
 
 CROPS, PLACES = 12, 25
-"""How many crops of the DEM, and places in each, are tried."""
+"""Number of crops of the DEM, and places in each, that are tried."""
 AZIMUTHS_DEG = np.arange(0.0, 360.0, 0.5)
 MIN_SIDE = 100
 MARGIN_CELLS = 5.0
@@ -31,7 +31,7 @@ MARGIN_CELLS = 5.0
 
 @dataclass(frozen=True)
 class TwinPlace:
-    """The surface with both copies, where its first cell lies in the DEM's lattice, and the camera on one of the copies."""
+    """The surface with both copies, the position of its first cell in the DEM's lattice, and the camera on one copy."""
 
     surface: Surface
     first_row: int
@@ -75,7 +75,7 @@ def draw_twins(known: Surface, scenario: EvaluationScenario, twins: Twins, rng: 
 
 
 def _places(crop: Surface, scenario: EvaluationScenario, draw: np.random.Generator) -> Iterator[Array]:
-    """Row and column of places whose view ends inside the crop in all directions."""
+    """Row and column of places whose horizon lies inside the crop in all directions."""
     conditions = Scenario(
         place=scenario.place.model_copy(update={"enclosed_fraction": 1.0}),
         vehicle=RigVehicle(mast_height_m=scenario.vehicle.mast_height_m),
@@ -94,7 +94,7 @@ def _observer_above_ground(surface: Surface, place: Array, scenario: EvaluationS
 
 
 def _sees_its_copy(surface: Surface, place: Array, side: int, scenario: EvaluationScenario) -> bool:
-    """Whether all of the horizon lies inside the copy that the place is on."""
+    """Whether the whole horizon lies inside the copy with the place."""
     observer = _observer_above_ground(surface, place, scenario)
     _, distance_m = surface.horizon(observer, AZIMUTHS_DEG)
     row, col = surface.lattice(observer, AZIMUTHS_DEG, distance_m)

@@ -86,7 +86,7 @@ class ReplayedChip:
 
     @property
     def ran_out(self) -> bool:
-        """Whether more was asked than then."""
+        """Whether more was requested than recorded."""
         return self._recorded.ran_out
 
     def _covering(self, write: bytes, length: int) -> Iterator[tuple[Hashable, int]]:
@@ -136,7 +136,7 @@ class ReplayedServos:
 
     @property
     def ran_out(self) -> bool:
-        """Whether more was asked than then."""
+        """Whether more was requested than recorded."""
         return self._recorded.ran_out
 
     def _answer(self, request: Request | bytes) -> bytes:

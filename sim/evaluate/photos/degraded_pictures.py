@@ -1,4 +1,4 @@
-"""Pictures with a known skyline made harder on purpose: weather, light, lens and camera; the truth is changed alike."""
+"""Degrades pictures with a known skyline: weather, light, lens and camera; the truth is changed alike."""
 
 from collections.abc import Callable, Iterator, Sequence
 
@@ -10,10 +10,10 @@ from sim.evaluate.photos.traced_pictures import TUNED_ON, TracedPicture
 
 Floats = NDArray[np.float64]
 Degradation = Callable[[Floats, Floats, np.random.Generator], tuple[Floats, Floats]]
-"""A picture (h, w, 3), 0..255, and its true rows (w,), to others."""
+"""Maps a picture (h, w, 3), 0..255, and its true rows (w,) to degraded ones."""
 
 EVERY = 3
-"""Of the pictures that the tracer was tuned on, one of so many is spoilt: they are all alike to this."""
+"""Every n-th of the pictures used for tuning is degraded: they are similar in this respect."""
 SKY_ROWS = 12
 ROLL_DEG = 12.0
 MARGIN = 0.05
@@ -36,14 +36,14 @@ def _as_it_is(image: Floats, row: Floats, rng: np.random.Generator) -> tuple[Flo
 
 
 def _haze(image: Floats, row: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
-    """Three quarters of what comes from the skyline is light of the sky, less of what lies below it."""
+    """Haze: three quarters of the light at the skyline is air light, less below it."""
     share = 0.75 * np.exp(-_below(image, row) / (0.15 * len(image))) * (_below(image, row) > 0.0)
     return image + np.nan_to_num(share)[..., None] * (_sky_colour(image, row) - image), row
 
 
 def _far_ridge(darker: float) -> Degradation:
     def spoil(image: Floats, row: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
-        """Behind half of the skyline rises a farther ridge, darker than the sky by that share."""
+        """A farther ridge behind half of the skyline, darker than the sky by that share."""
         h, w = image.shape[:2]
         u = np.arange(w) / w
         start = float(rng.uniform(0.0, 0.5))
@@ -72,7 +72,7 @@ def _cloud(image: Floats, row: Floats, rng: np.random.Generator) -> tuple[Floats
 
 
 def _sun(image: Floats, row: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
-    """The sun behind the ridge burns out a part of it."""
+    """The sun behind the ridge overexposes a part of it."""
     h, w = image.shape[:2]
     y, x = np.mgrid[0:h, 0:w]
     away = np.hypot(x - float(rng.uniform(0.2, 0.8)) * w, y - float(np.nanmedian(row)) + 0.05 * h) / w
@@ -95,7 +95,7 @@ def _vignette(image: Floats, row: Floats, rng: np.random.Generator) -> tuple[Flo
 
 
 def _rolled(image: Floats, row: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
-    """The camera is rolled; what the corners would lack is cut off."""
+    """The camera is rolled; empty corners are cropped."""
     h, w = image.shape[:2]
     turn = cv2.getRotationMatrix2D((w / 2.0, h / 2.0), ROLL_DEG * float(rng.choice([-1.0, 1.0])), 1.0)
     turned = np.asarray(cv2.warpAffine(image, turn, (w, h)), np.float64)
@@ -140,12 +140,12 @@ def _mostly_ground(image: Floats, row: Floats, rng: np.random.Generator) -> tupl
 
 
 def _below(image: Floats, row: Floats) -> Floats:
-    """How far below a line (w,) each pixel (h, w) lies, NaN where the line is unknown."""
+    """Distance of each pixel (h, w) below a line (w,), NaN where the line is unknown."""
     return np.asarray(np.arange(len(image))[:, None] + 0.5 - row[None, :])
 
 
 def _sky_colour(image: Floats, row: Floats) -> Floats:
-    """Of the sky just above the skyline, (w, 3); the mean where the skyline is unknown or at the upper edge."""
+    """Sky colour just above the skyline, (w, 3); the mean where the skyline is unknown or at the upper edge."""
     h, w = image.shape[:2]
     at = np.clip(np.nan_to_num(row) - SKY_ROWS, 0, h - 1).astype(int)
     colour = image[at, np.arange(w)]

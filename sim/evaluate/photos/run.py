@@ -1,4 +1,4 @@
-"""The evaluation on photographs: all pictures traced, some of them made harder, all standpoints searched for."""
+"""The evaluation on photographs: skylines of all pictures and of degraded ones, and position searches."""
 
 import math
 import tempfile
@@ -21,7 +21,7 @@ from sim.evaluate.photos.traced_pictures import TracedPicture, traced_pictures
 
 @dataclass(frozen=True)
 class PhotoEvaluation:
-    """What was measured, and whether the localizer was honest."""
+    """The results of the evaluation."""
 
     pictures: Sequence[tables.Scored]
     degraded: Sequence[tuple[str, PictureScore]]
@@ -29,7 +29,7 @@ class PhotoEvaluation:
 
     @property
     def wrong_fixes(self) -> list[Trial]:
-        """The searches that called another place the fix."""
+        """The searches with a fix at a wrong place."""
         return [t for t in self.trials if t.verdict == "WRONG"]
 
     def fields(self) -> dict[str, Any]:
