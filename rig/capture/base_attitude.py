@@ -200,11 +200,13 @@ def base_heading(
         to_true.note()
         trusted_deg = math.hypot(section.azimuth_bias_sigma_deg, to_true.sigma_deg)
         return true_heading(measured, trusted_deg, to_true), asdict(measured)
-    told = true_headings([stop for stop in stops if stop.headings], section, place)
-    spoken = heading_from_talker(told.at_pans, level)
+    true_readings = true_headings([stop for stop in stops if stop.headings], section, place)
+    compass_heading = heading_from_talker(true_readings.at_pans, level)
     # The readings are already true headings: a talker may send both kinds, each with its own variation.
-    trusted_deg = math.hypot(section.azimuth_bias_sigma_deg, told.sigma_deg)
-    return replace(true_heading(spoken, trusted_deg, None), declination=told.declination), asdict(spoken)
+    trusted_deg = math.hypot(section.azimuth_bias_sigma_deg, true_readings.sigma_deg)
+    return replace(
+        true_heading(compass_heading, trusted_deg, None), declination=true_readings.declination
+    ), asdict(compass_heading)
 
 
 def stage_field(pan_deg: float, field: MeanField, section: Mmc5983maSection) -> FieldAtPan:

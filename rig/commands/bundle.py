@@ -50,7 +50,7 @@ def recalibrate(
       rig bundle recalibrate bundles/20261124T060000Z-3f9a
       rig bundle recalibrate bundles/20261124T060000Z-3f9a --calibration calibration/boresight-20261124T090000Z-77c1.json
     """
-    from rig.calibrate.recalibrate import recalibrate as derive_anew
+    from rig.calibrate.recalibrate import recalibrate as recalibrate_bundle
     from rig.config.calibration_files import read_calibration
     from rig.config.load import config_path, load_config
 
@@ -61,7 +61,7 @@ def recalibrate(
         calibrations = list(load_config(file).calibrations)
         if not calibrations:
             raise click.UsageError(f"{file} names no calibration; give --calibration FILE.")
-    path = derive_anew(directory, calibrations, out_dir or directory.resolve().parent)
+    path = recalibrate_bundle(directory, calibrations, out_dir or directory.resolve().parent)
     click.echo(f"with {', '.join(each.document.id for each in calibrations)}", err=True)
     click.echo(json.dumps(bundle_summary(load_bundle(path))) if as_json else path)
 

@@ -92,8 +92,8 @@ def _addresses(run: RunSection) -> Iterator[str]:
         to += [_at("[run.nmea] udp", address) for address in run.nmea.udp]
     mavlink = _MAVLINK.fullmatch(run.mavlink.connection) if run.mavlink else None
     if mavlink:
-        wish = _at("[run.mavlink] connection", mavlink["address"])
-        {"udpin": udp, "udpout": to, "tcp": to_tcp}[mavlink["kind"]].append(wish)
+        claim = _at("[run.mavlink] connection", mavlink["address"])
+        {"udpin": udp, "udpout": to, "tcp": to_tcp}[mavlink["kind"]].append(claim)
     for first, second in _overlapping(tcp):
         yield f"{first.key} and {second.key} listen on the same TCP port, {_both(first, second)}; give one another port"
     for first, second in _overlapping(udp):

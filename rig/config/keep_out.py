@@ -85,14 +85,14 @@ def _ways(
 ) -> Iterator[list[Angles]]:
     """Candidate routes: direct, via another tilt, or via another pan."""
     yield [goal]
-    beside = 2 * MARGIN_DEG
+    clearance_deg = 2 * MARGIN_DEG
     tilts = {start[1], goal[1], low[1], high[1]}
-    tilts |= {z.tilt_min_deg - beside for z in zones} | {z.tilt_max_deg + beside for z in zones}
+    tilts |= {z.tilt_min_deg - clearance_deg for z in zones} | {z.tilt_max_deg + clearance_deg for z in zones}
     for tilt_deg in tilts:
         if low[1] <= tilt_deg <= high[1]:
             yield _without_repeats(start, [(start[0], tilt_deg), (goal[0], tilt_deg), goal])
     pans = {start[0], goal[0], low[0], high[0]}
-    pans |= {z.pan_min_deg - beside for z in zones} | {z.pan_max_deg + beside for z in zones}
+    pans |= {z.pan_min_deg - clearance_deg for z in zones} | {z.pan_max_deg + clearance_deg for z in zones}
     for pan_deg in pans:
         if low[0] <= pan_deg <= high[0]:
             yield _without_repeats(start, [(pan_deg, start[1]), (pan_deg, goal[1]), goal])

@@ -102,9 +102,9 @@ def _misfit(name: str, made_for: Mapping[str, object] | None, section: Section |
             + (f"no [{name}]" if section is None else f"a [{name}]")
         )
     there = {key: getattr(section, key, None) for key in made_for}
-    return None if there == made_for else f"is for {_spoken(made_for)}, [{name}] says {_spoken(there)}"
+    return None if there == made_for else f"is for {_described(made_for)}, [{name}] says {_described(there)}"
 
 
-def _spoken(keys: Mapping[str, object]) -> str:
+def _described(keys: Mapping[str, object]) -> str:
     words = [f"{key} {list(value) if isinstance(value, tuple) else value}" for key, value in keys.items()]
     return ", ".join(words)

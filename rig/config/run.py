@@ -192,10 +192,10 @@ def control_socket_of_invalid_config(path: Path) -> Path | None:
     """
     try:
         named = read_toml(path)["run"]
-        told = {"control": named["control"]} if "control" in named else {}
+        keys = {"control": named["control"]} if "control" in named else {}
         if "dir" in named.get("spool", {}):
-            told["spool"] = {"dir": named["spool"]["dir"]}
-        return RunSection.model_validate({"dem": ["any"], **told}).resolved_against(path.parent).control
+            keys["spool"] = {"dir": named["spool"]["dir"]}
+        return RunSection.model_validate({"dem": ["any"], **keys}).resolved_against(path.parent).control
     except (
         OSError,
         DocumentError,

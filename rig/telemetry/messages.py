@@ -118,7 +118,7 @@ def _altitude(reading: AltitudeReading) -> Iterator[Message]:
     yield Message("/altitude", schemas.ALTITUDE, time.monotonic(), fields)
 
 
-def _standing(base_estimate: BaseEstimate) -> Iterator[Message]:
+def _base_estimate(base_estimate: BaseEstimate) -> Iterator[Message]:
     now_s = time.monotonic()
     fields = {
         "heading_deg": base_estimate.attitude.azimuth_deg,
@@ -173,7 +173,7 @@ _CONVERTERS: dict[type, Callable[[Any], Iterator[Message]]] = {
     HeadingReading: _heading,
     PressureReading: _pressure,
     AltitudeReading: _altitude,
-    BaseEstimate: _standing,
+    BaseEstimate: _base_estimate,
     TimedFrame: _frame,
     View: _view,
     Step: _step,

@@ -27,14 +27,14 @@ PING_LEVEL, READ_LEVEL, WRITE_LEVEL = 0, 1, 2
 class ServoBus:
     """The servos of one bus. ``reply`` maps bytes to bytes; ``serve`` connects it to a port.
 
-    ``on_wire`` models the cable: it may change, truncate or drop the servos' answers. ``spoken_to`` is set once a host
+    ``on_wire`` models the cable: it may change, truncate or drop the servos' answers. ``contacted`` is set once a host
     has sent something.
     """
 
     def __init__(self, servos: Sequence[Servo], *, on_wire: Callable[[bytes], bytes] = bytes) -> None:
         self.servos = list(servos)
         self.on_wire = on_wire
-        self.spoken_to = threading.Event()
+        self.contacted = threading.Event()
         self._reader = RequestReader()
         self._heard_s = time.monotonic()
 
@@ -52,7 +52,7 @@ class ServoBus:
         return answers + b"".join(_protocol_1_status(servo, data) for servo in self.servos)
 
     def _on_line(self, data: bytes, baud: int) -> bytes:
-        self.spoken_to.set()
+        self.contacted.set()
         answer = self.reply(data, baud)
         if answer:
             time.sleep(max(servo.register("return_delay_time") for servo in self.servos) * 2e-6)

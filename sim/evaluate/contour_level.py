@@ -21,12 +21,12 @@ def observation_of(
     truth: Truth, scenario: EvaluationScenario, columns_px: Array, disturbed: Disturbed
 ) -> Observation:
     """The localizer's input for a case."""
-    told = scenario.assumed_sigma
+    assumed = scenario.assumed_sigma
     errors = scenario.errors
     sigma_px = scenario.told.contour_sigma_px or max(
         float(np.hypot(errors.contour_sigma_px, errors.contour_correlated_sigma_px)), MIN_SIGMA_PX
     )
-    sigmas_deg = (told("azimuth_sigma_deg"), told("tilt_sigma_deg"), told("roll_sigma_deg"))
+    sigmas_deg = (assumed("azimuth_sigma_deg"), assumed("tilt_sigma_deg"), assumed("roll_sigma_deg"))
     frames = tuple(
         frame_observation(
             frame.label, scenario.camera, frame.measured, sigmas_deg, columns_px, rows, sigma_px
@@ -37,9 +37,9 @@ def observation_of(
         frames=frames,
         mast_height_m=scenario.vehicle.mast_height_m,
         altitude_m=truth.measured_altitude_m,
-        altitude_sigma_m=told("altitude_sigma_m") if errors.altimeter else float("inf"),
-        azimuth_bias_sigma_deg=told("azimuth_bias_sigma_deg"),
-        tilt_bias_sigma_deg=told("tilt_bias_sigma_deg"),
+        altitude_sigma_m=assumed("altitude_sigma_m") if errors.altimeter else float("inf"),
+        azimuth_bias_sigma_deg=assumed("azimuth_bias_sigma_deg"),
+        tilt_bias_sigma_deg=assumed("tilt_bias_sigma_deg"),
     )
 
 

@@ -67,9 +67,9 @@ def cramer_rao_bound(
     crests = _crests(truth, scenario.camera, parts)
     ok = np.isfinite(jacobian).all(axis=1) & np.isfinite(crests).all(axis=1)
     size = jacobian.shape[1]
-    altimeter, standing = np.zeros(size), np.zeros(size)
+    altimeter, ground_prior = np.zeros(size), np.zeros(size)
     altimeter[[EAST, NORTH]], altimeter[HEIGHT] = _ground_slope(truth.surface, truth.observer), 1.0
-    standing[HEIGHT] = 1.0  # the observation that the mast's foot is on the ground of the DEM
+    ground_prior[HEIGHT] = 1.0  # the observation that the mast's foot is on the ground of the DEM
     altitude_sigma_m = scenario.errors.altitude_sigma_m if scenario.errors.altimeter else UNKNOWN_M
     noise = block_diag(
         _contour_noise(scenario, parts)[np.ix_(ok, ok)], np.diag([altitude_sigma_m, GROUND_SIGMA_M]) ** 2
@@ -79,7 +79,7 @@ def cramer_rao_bound(
         per_m = np.concatenate([jacobian[ok, HEIGHT], [0.0, 1.0]])
         places = np.vstack([crests[ok], np.zeros((2, 2))])
         noise += dem_error_covariance(scenario.dem_error, places) * np.outer(per_m, per_m)
-    seen = np.vstack([jacobian[ok], altimeter, standing])
+    seen = np.vstack([jacobian[ok], altimeter, ground_prior])
     prior = _prior_information(scenario, size)
     near_m = NEAR_CELLS * float(np.mean(truth.surface.terrain.cell_size_m()))
     far = np.append(np.hypot(*crests[ok].T) >= near_m, [True, True])

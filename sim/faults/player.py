@@ -205,7 +205,7 @@ def playing(stage: Stage, faults: Sequence[Fault], say: Callable[[str], None]) -
     timed.sort(key=lambda step: step[0])
 
     def play(stop: threading.Event) -> None:
-        while not stage.servo_bus.spoken_to.wait(0.02):
+        while not stage.servo_bus.contacted.wait(0.02):
             if stop.is_set():
                 return
         start_s = time.monotonic()

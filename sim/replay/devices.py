@@ -122,7 +122,7 @@ class ReplayedServos:
             else:
                 answer += bytes.fromhex(exchange["received"])
         self._recorded = ResponseLookup(asked, self.epoch)
-        self._speaks_packets = any(isinstance(each.request, Request) for each in asked)
+        self._is_dynamixel = any(isinstance(each.request, Request) for each in asked)
 
     def epoch(self) -> int:
         """The present epoch: number of goals given to the head."""
@@ -131,7 +131,7 @@ class ReplayedServos:
 
     def answer(self, data: bytes) -> bytes:
         """The recorded answers to the requests in ``data``; none, and a call of ``say``, for an unrecorded request."""
-        requests = list(self._reader.feed(data)) if self._speaks_packets else [data]
+        requests = list(self._reader.feed(data)) if self._is_dynamixel else [data]
         return b"".join(self._answer(request) for request in requests)
 
     @property

@@ -31,13 +31,13 @@ class ReplayNotes:
     """Collects unanswered requests, each once, and devices with more requests than recorded."""
 
     def __init__(self, exchanges: Sequence[Exchange]) -> None:
-        self._told: dict[str, None] = {}
+        self._missing: dict[str, None] = {}
         self._asked: list[tuple[str, float, ReplayedChip | ReplayedServos]] = []
         self._ends_s = max(float(exchange["t"]) for exchange in exchanges)
 
     def about(self, device: str) -> Say:
         """The callback for a device's unanswered requests."""
-        return lambda what: self._told.setdefault(f"the log {what} ({device})")
+        return lambda what: self._missing.setdefault(f"the log {what} ({device})")
 
     def watch(
         self, name: str, here: Sequence[tuple[Exchange, int]], device: ReplayedChip | ReplayedServos
@@ -47,21 +47,21 @@ class ReplayNotes:
 
     def lines(self, failed: bool) -> list[str]:
         """The missing requests, and for a failed command where the log ends."""
-        told = list(self._told)
+        lines = list(self._missing)
         if failed:
-            told += [
+            lines += [
                 f"the log of {name} ends after {at_s:.1f} s: what was asked beyond it got the answers of before"
                 for name, at_s, device in self._asked
                 if device.ran_out
             ]
-        if not told:
+        if not lines:
             return []
-        more = [f"and {len(told) - NOTES_SHOWN} more"] if len(told) > NOTES_SHOWN else []
+        more = [f"and {len(lines) - NOTES_SHOWN} more"] if len(lines) > NOTES_SHOWN else []
         end = (
             f"the log ends after {self._ends_s:.1f} s; replay the command that was recorded, "
             "or record the one that is to be replayed"
         )
-        return [*told[:NOTES_SHOWN], *more, end]
+        return [*lines[:NOTES_SHOWN], *more, end]
 
 
 @dataclass(frozen=True)

@@ -197,7 +197,7 @@ def _mosaic(
     """Paste the tiles onto the first one's lattice, extended to hold them all."""
     _, transform, crs = tiles[0]
     corners = []
-    tiles = [_beside(tiles[0], tile) for tile in tiles]
+    tiles = [_shifted_next_to(tiles[0], tile) for tile in tiles]
     for path, (height_m, tile_transform, tile_crs) in zip(paths, tiles, strict=True):
         col, row = _apply(~transform, np.asarray(tile_transform.c), np.asarray(tile_transform.f))
         corner = np.array([round(float(row)), round(float(col))])
@@ -223,7 +223,7 @@ def _mosaic(
     return whole, transform @ Affine.translation(float(north_west[1]), float(north_west[0])), crs
 
 
-def _beside(
+def _shifted_next_to(
     first: tuple[NDArray[np.float32], Affine, CRS], tile: tuple[NDArray[np.float32], Affine, CRS]
 ) -> tuple[NDArray[np.float32], Affine, CRS]:
     """A tile with its x shifted by multiples of 360 degrees to be closest to the first one, for both sides of the date

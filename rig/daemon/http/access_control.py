@@ -129,21 +129,23 @@ class _WrongTokens:
     """Wrong tokens: increasing delays, one request at a time, and a rate-limited log line."""
 
     def __init__(self) -> None:
-        self._lately = 0
-        self._last_s = self._told_s = self._next_s = -math.inf
-        self._untold = 0
+        self._recent = 0
+        self._last_s = self._logged_s = self._next_s = -math.inf
+        self._unlogged = 0
 
     async def wrong(self, request: Request) -> None:
         """Wait while the client is connected, and perhaps log: clients that left must not delay others."""
         now_s = time.monotonic()
         if now_s - self._last_s > DELAY_RESET_S:
-            self._lately = 0
-        self._lately, self._last_s, self._untold = self._lately + 1, now_s, self._untold + 1
-        if now_s - self._told_s > LOG_EVERY_S:
+            self._recent = 0
+        self._recent, self._last_s, self._unlogged = self._recent + 1, now_s, self._unlogged + 1
+        if now_s - self._logged_s > LOG_EVERY_S:
             address = request.client.host if request.client else "an unknown address"
-            _log.warning("wrong token over HTTP from %s; %d since the last such line", address, self._untold)
-            self._told_s, self._untold = now_s, 0
-        delay_s = min(FIRST_DELAY_S * 2.0 ** min(self._lately - 1, 10), LONGEST_DELAY_S)
+            _log.warning(
+                "wrong token over HTTP from %s; %d since the last such line", address, self._unlogged
+            )
+            self._logged_s, self._unlogged = now_s, 0
+        delay_s = min(FIRST_DELAY_S * 2.0 ** min(self._recent - 1, 10), LONGEST_DELAY_S)
         self._next_s = min(max(self._next_s, now_s) + delay_s, now_s + LONGEST_WAIT_S)
         until_s = self._next_s
         while (left_s := until_s - time.monotonic()) > 0.0 and not await request.is_disconnected():

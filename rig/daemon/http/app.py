@@ -185,14 +185,14 @@ def _add_events(app: FastAPI, event_streams: EventStreams) -> None:
         Begins with what was missed since ``Last-Event-ID``; without it with the latest answer, if there is one.
         """
         yield ServerSentEvent(comment="skyfix", retry=3000)
-        told = -1
+        last_sent = -1
         number = re.fullmatch(r"[0-9]{1,18}", last_event_id or "")  # whatever else it says is none of ours
         for event in event_streams.before(int(number[0]) if number else None):
-            told = event.number
+            last_sent = event.number
             yield ServerSentEvent(data=log_event(event), event=event.kind, id=str(event.number))
         while (event_or_end := await waiting.get()) is not None:
             event = event_or_end
-            if event.number > told:
+            if event.number > last_sent:
                 yield ServerSentEvent(data=log_event(event), event=event.kind, id=str(event.number))
 
     @app.get("/log", tags=["events"])

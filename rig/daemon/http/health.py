@@ -17,11 +17,11 @@ def add_health(app: FastAPI, daemon_state: DaemonState, heartbeats: Heartbeats |
     @app.get("/healthz", include_in_schema=False)
     async def healthz() -> JSONResponse:
         stuck = [str(each) for each in heartbeats.stuck()] if heartbeats else []
-        hindrance = why_not_ready(daemon_state)
-        told = {
+        problem = why_not_ready(daemon_state)
+        body = {
             "alive": not stuck,
-            "ready": not stuck and hindrance is None,
+            "ready": not stuck and problem is None,
             "version": package_version(),
-            "problems": [*stuck, *([hindrance] if hindrance else [])],
+            "problems": [*stuck, *([problem] if problem else [])],
         }
-        return JSONResponse(told, 503 if stuck else 200)
+        return JSONResponse(body, 503 if stuck else 200)

@@ -75,10 +75,12 @@ def _vtg(sentence: Sentence) -> tuple[float | None, float | None, str]:
 
 def _speed_m_s(sentence: Sentence, knots: float | None, kmh: float | None) -> float | None:
     """The speed from knots or km/h; they must agree if both are sent."""
-    told = [value * unit for value, unit in ((kmh, KMH_M_S), (knots, KNOT_M_S)) if value is not None]
-    if len(told) == 2 and abs(told[0] - told[1]) > UNITS_AGREE_M_S + UNITS_AGREE_SHARE * max(told):
+    speeds_m_s = [value * unit for value, unit in ((kmh, KMH_M_S), (knots, KNOT_M_S)) if value is not None]
+    if len(speeds_m_s) == 2 and abs(
+        speeds_m_s[0] - speeds_m_s[1]
+    ) > UNITS_AGREE_M_S + UNITS_AGREE_SHARE * max(speeds_m_s):
         raise NoReadingError(f"{sentence.address} says {knots} knots and {kmh} km/h, which do not agree")
-    return told[0] if told else None
+    return speeds_m_s[0] if speeds_m_s else None
 
 
 class StaleClock:

@@ -65,10 +65,10 @@ def _sentences(
     fix: PublishedFix | None, utc: datetime, quality: int, kinds: Collection[SentenceKind], dated: bool
 ) -> bytes:
     chosen = ((kind, _FIELDS[kind](fix, utc, quality)) for kind in kinds if dated or kind != "ZDA")
-    told = (
+    sentences = (
         (kind, fields if dated else _dateless(kind, fields)) for kind, fields in chosen if fields is not None
     )
-    return b"".join(sentence(kind, fields) for kind, fields in told)
+    return b"".join(sentence(kind, fields) for kind, fields in sentences)
 
 
 def _dateless(kind: str, fields: Fields) -> Fields:

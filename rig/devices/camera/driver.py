@@ -166,8 +166,8 @@ class Camera:
         self._stop.set()
         self._thread.join(THREAD_END_S)
         if self._thread.is_alive():
-            patience_s = self._section.open_timeout_s + self._section.read_timeout_s + THREAD_END_S
-            _blocked_threads[self._thread] = time.monotonic() + patience_s
+            max_wait_s = self._section.open_timeout_s + self._section.read_timeout_s + THREAD_END_S
+            _blocked_threads[self._thread] = time.monotonic() + max_wait_s
 
     def _restore_auto_exposure(self) -> None:
         """Restore automatic exposure of a network camera, whatever was set before; a failure is noted."""

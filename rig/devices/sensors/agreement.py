@@ -25,8 +25,8 @@ def one_pressure_source(name: str, readings: list[PressureReading]) -> list[Pres
     best = min(by_source, key=lambda source: steps[source])
     for source, mean_hpa in means.items():
         if abs(mean_hpa - means[best]) > AGREE_HPA + (steps[source] + steps[best]) / 2.0:
-            told = " and ".join(f"{each} {means[each]:.1f} hPa" for each in (best, source))
+            values = " and ".join(f"{each} {means[each]:.1f} hPa" for each in (best, source))
             raise DeviceError(
-                name, f"its sources do not agree: {told}", "name the right one with [altimeter] transducer"
+                name, f"its sources do not agree: {values}", "name the right one with [altimeter] transducer"
             )
     return by_source[best]

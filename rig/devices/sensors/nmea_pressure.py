@@ -148,9 +148,9 @@ def _named(name: str, words: tuple[str, ...]) -> bool:
 def _refuse(sentence: Sentence, transducer: str | None, groups: list[_Group]) -> None:
     """Raise the reason why no group is usable, unless none is an air pressure."""
     if groups:
-        told = ", ".join(group.as_sent for group in groups)
+        values_text = ", ".join(group.as_sent for group in groups)
         raise NoReadingError(
-            f"{sentence.address} says {told}: no air pressure in that unit",
+            f"{sentence.address} says {values_text}: no air pressure in that unit",
             "set the unit in the instrument, or name the right group with [altimeter] transducer",
         )
     empty = [
