@@ -67,7 +67,7 @@ def write_archive(path: Path, bundles: Sequence[Bundle]) -> None:
             os.fsync(file.fileno())
             os.posix_fadvise(
                 file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED
-            )  # read the disk, not the memory, below
+            )  # drop the page cache, so that the check reads the disk
         for _ in bundles_of_archive(partial, sums):
             pass
         partial.rename(path)

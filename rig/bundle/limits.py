@@ -55,7 +55,7 @@ class Tally:
     def file(self, name: str, size: int) -> None:
         """One more file, of the size in its header; no more than that is read."""
         self.folder()
-        if size < 0:  # a tar can say so, and would count backwards
+        if size < 0:  # possible in a tar header, and would decrease the count
             raise ArchiveError(f"its file {name} has {size} bytes")
         if size > MAX_MEMBER_BYTES:
             raise ArchiveError(
@@ -64,7 +64,7 @@ class Tally:
         self._bytes += size
         if self._bytes > self.most_bytes:
             raise ArchiveError(compression_problem(self.most_bytes))
-        key = name.casefold()  # on a disk that takes both for one, the second would overwrite the first
+        key = name.casefold()  # on a case-insensitive file system the second would overwrite the first
         if key in self._names:
             raise ArchiveError(f"holds {name} twice, or two names that differ in case only")
         self._names.add(key)

@@ -38,7 +38,7 @@ _DAMAGED = (
     gzip.BadGzipFile,
     EOFError,
     struct.error,
-    ValueError,  # a name that is no text, a number that is none
+    ValueError,  # an undecodable name or an invalid number
     OverflowError,
     NotImplementedError,
     RecursionError,  # of headers that announce headers
@@ -122,7 +122,7 @@ def _whole(folder: Path, on_unlisted: Callable[[str], None]) -> Bundle:
     if bundle.id != folder.name:
         raise ArchiveError(f"its folder {folder.name} holds the bundle {bundle.id}; both must have one name")
     listed = {folder / name for name in (FILE_NAME, *(frame.file for frame in bundle.frames))}
-    for path in sorted(folder.rglob("*"), reverse=True):  # what is in a folder before the folder
+    for path in sorted(folder.rglob("*"), reverse=True):  # content before its folder
         if path.is_dir():
             if not any(path.iterdir()):
                 path.rmdir()

@@ -135,7 +135,7 @@ def _bundle(name: str, measurement: Measurement, frames: list[Frame]) -> Bundle:
 
 
 def _write_frame(directory: Path, record: FrameRecord, number: int) -> Frame:
-    # a label that is derived anew may come from anybody's bundle, and lead anywhere
+    # on recalibration the label comes from an untrusted bundle
     plain = re.fullmatch(r"[0-9A-Za-z][0-9A-Za-z_.-]*", record.label)
     file = f"frames/{record.label if plain else f'frame-{number}'}.png"
     _write(directory / file, cv2.imencode(".png", record.image_bgr)[1].tobytes())

@@ -18,7 +18,7 @@ from rig.devices.readings import PressureReading
 
 DURATION_S = 5.0
 NOISE_LIMIT_M = 1.0
-IMPLAUSIBLE_HPA = 60.0  # off the standard atmosphere: no weather does that
+IMPLAUSIBLE_HPA = 60.0  # difference from the standard atmosphere beyond any weather
 
 
 @dataclass(frozen=True)

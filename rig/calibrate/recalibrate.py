@@ -52,7 +52,7 @@ def recorded_config(bundle: Bundle) -> RigConfig:
         )
     tables = dict(calibration["configuration"])
     pan = tables["pan_tilt"]["pan"]
-    # Where it was turned to is in the readings; the configuration only has to be valid.
+    # The directions are in the readings; the configuration only has to be valid.
     angles_deg = [pan["min_deg"], (pan["min_deg"] + pan["max_deg"]) / 2.0, pan["max_deg"]]
     tables["capture"] = {"base_attitude_pan_angles_deg": angles_deg}
     tables["camera"] = {**tables["camera"], "source": "recorded"}

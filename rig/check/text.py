@@ -10,7 +10,7 @@ from rich.table import Table
 
 from rig.check.result import DeviceCheck
 
-PLAIN_WIDTH = 160  # of the table where there is no terminal to fit it into
+PLAIN_WIDTH = 160  # width of the table without a terminal
 
 
 def print_table(checks: Sequence[DeviceCheck], console: Console) -> None:

@@ -26,7 +26,7 @@ def _without_user(rest: str) -> str:
     if "@" in host:
         return rest[: len(host)].rpartition("@")[2] + rest[len(host) :]
     before, _, after = rest.rpartition("@")
-    # A password with a slash that should have been written %2F: what stands before it is no port.
+    # A password with an unescaped slash (%2F): the text before it is no port.
     if before and ":" in host and not re.fullmatch(r"(\[[^]]*\]|[^:]*):\d{1,5}", host):
         return after
     return rest

@@ -10,7 +10,7 @@ from typing import Protocol
 
 from rig.errors import GoalError
 
-MARGIN_DEG = 1.0  # droop, play and what a move overshoots
+MARGIN_DEG = 1.0  # droop, backlash and overshoot
 
 Angles = tuple[float, float]
 """Pan and tilt, degrees."""

@@ -39,7 +39,7 @@ def wrong_keys(table: dict[str, Any], model: type[BaseModel], section: Keys = ()
         if key in missing:
             yield f"{_place((*section, key), bool(models))}: missing {_noun(bool(models))}"
         elif key in table and models:
-            # [[section]] may come any number of times
+            # [[section]] may be repeated
             several = get_origin(field.annotation) is tuple and isinstance(table[key], list)
             for each in table[key] if several else [table[key]]:
                 yield from _wrong_keys_in_section(each, models, (*section, key))

@@ -125,9 +125,9 @@ class Captures:
     def _register_bundle(self) -> str | None:
         try:
             return self._spool.end_capture()
-        except SpoolError as error:  # the folder has it; the next look at the spool takes it in
+        except SpoolError as error:  # it is in the folder; the next ``reconcile`` registers it
             _log.error("spool fails", problem=str(error))
-            if self._odometer:  # from this capture or from the one before?
+            if self._odometer:  # unknown whether the leg starts at this capture or the previous one
                 self._odometer.mark_unknown()
             return None
 

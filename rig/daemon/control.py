@@ -105,7 +105,7 @@ class ControlSocket:
                 accepted, _ = self._socket.accept()
             except BlockingIOError:
                 return
-            except OSError as error:  # gone again, or no descriptor is left: then it would fail on and on
+            except OSError as error:  # closed again, or out of descriptors, which would repeat endlessly
                 _log.warning("control: a client could not be taken in: %s", error.strerror)
                 stop.wait(POLL_S)
                 return
@@ -117,7 +117,7 @@ class ControlSocket:
             selector.register(accepted, selectors.EVENT_READ)
             self._serve(
                 selector, client
-            )  # an honest one has asked already, and does not wait behind the others
+            )  # a normal client has sent its request already, and is served at once
 
     def _serve(self, selector: selectors.BaseSelector, client: _Client) -> None:
         """One step of a client: receive more of its request, or send more of the answer."""
@@ -132,7 +132,7 @@ class ControlSocket:
             client.reply = client.reply[client.socket.send(client.reply) :]
         except (BlockingIOError, InterruptedError):
             return
-        except OSError:  # a client that goes away has no use for an answer
+        except OSError:  # the client has gone
             client.reply = b""
         if not client.reply:
             self._drop(selector, client)

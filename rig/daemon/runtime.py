@@ -99,7 +99,7 @@ def run_configuration(config: RigConfig, shared: DaemonContext, started: Callabl
         if run.odometry:
             odometer = Odometer(run.odometry, time.monotonic(), spool.recall(ODOMETER))
             stack.callback(keep_odometer, spool, odometer)
-            stack.callback(odometer.undo_capture)  # a capture that the end interrupts
+            stack.callback(odometer.undo_capture)  # for a capture interrupted by the end
             listener = OdometryListener(run.odometry, odometer, daemon_state.set_moving)
             stack.callback(listener.close)
             _log.info("odometry", udp="{}:{}".format(*listener.address))

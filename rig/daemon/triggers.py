@@ -48,7 +48,7 @@ class Triggers:
             _log.info(
                 "trigger", source=source, answer=answer, **({"why": why_not_ready} if why_not_ready else {})
             )
-            if answer == "started":  # handed over before anybody can call ``stop``
+            if answer == "started":  # passed on before ``stop`` can be called
                 self._busy = True
                 self._start(source)
         return answer

@@ -33,13 +33,11 @@ _HEAD = "pan and tilt head"
 _POLL_S = 0.02
 _STILL_S = 0.2
 _STILL_TICKS = 1  # encoder noise
-_RELAX_REPLUG_S = 0.5  # on the way out there is little patience for a port that is gone
+_RELAX_REPLUG_S = 0.5  # short wait for a lost port at shutdown
 # A proportional controller droops under the camera's weight; a larger error means an obstacle.
 _GOAL_TOLERANCE_DEG = 1.0
-_COMMAND_LATENCY_S = 0.3  # from the reading of where a moving head is to its new goal, on a busy computer
-_PATH_TOLERANCE_DEG = (
-    4.0  # beyond either end of a move: it overshoots, and is pulled when the torque comes on
-)
+_COMMAND_LATENCY_S = 0.3  # from reading a moving head's position to its new goal, on a busy computer
+_PATH_TOLERANCE_DEG = 4.0  # beyond either end of a move: overshoot, and motion when the torque comes on
 
 
 class StoppedError(TransientError):
@@ -92,7 +90,7 @@ class PanTilt:
         self._astray: DeviceError | None = None
         self._holding: set[int] = set()
         try:
-            # All of them before anything else is written: a servo with a Secondary ID takes the others' orders.
+            # First of all: a servo with a Secondary ID executes the other's instructions.
             for servo in self._servos:
                 retry(servo.set_status_return_all)
             for servo in self._servos:
@@ -119,7 +117,7 @@ class PanTilt:
         speed = self._parameters.velocity_deg_s, self._parameters.acceleration_deg_s2
         retry(partial(axis.servo.clear_eeprom, self._firmware[axis.servo.servo_id]))
         retry(partial(axis.servo.configure, axis.min_tick, axis.max_tick, *speed))
-        retry(axis.servo.clear_ram)  # a change of mode resets the gains, so they come last
+        retry(axis.servo.clear_ram)  # last, as a mode change resets the gains
 
     def __enter__(self) -> Self:
         return self
@@ -236,7 +234,7 @@ class PanTilt:
         """Torque on, watchdog enabled and profile set, whatever happened since the last move."""
         servo = axis.servo
         torque = retry(partial(servo.read, "Torque Enable"))
-        if not torque or servo.servo_id not in self._holding:  # never on yet, let go, or power was lost
+        if not torque or servo.servo_id not in self._holding:  # never enabled, switched off, or power lost
             if servo.servo_id in self._holding:
                 note_fault(servo.name, "lost its torque: a restart or a power cut", "set up anew")
             self._configure(axis)
@@ -276,7 +274,7 @@ class PanTilt:
             errors = retry(servo.hardware_errors)
             if errors:
                 alerts.append(f"{servo.name}: {', '.join(errors)}")
-            else:  # the alert bit is the sum of the error bits: without one there is nothing to stop for
+            else:  # the alert bit summarises the error bits: without one there is no reason to stop
                 note_fault(servo.name, "raised its alert bit without a hardware error", "went on")
         return tuple(alerts)
 

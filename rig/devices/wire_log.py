@@ -46,12 +46,10 @@ def recording_wire_log(path: Path, config: RigConfig) -> Iterator[None]:
         mode="json", exclude={"calibration": True, "camera": {"source"}}, exclude_none=True
     )
     if config.camera.exposure_url is not None:
-        settings["camera"]["exposure_url"] = URL_LEFT_OUT  # that there is one changes what a capture does
+        settings["camera"]["exposure_url"] = URL_LEFT_OUT  # its presence changes a capture
     utc = utc_now().isoformat(timespec="milliseconds").replace("+00:00", "Z")
     try:
-        file = path.open(
-            "x", encoding="ascii", buffering=1
-        )  # a line at a time: a crash shall not take the end with it
+        file = path.open("x", encoding="ascii", buffering=1)  # line-buffered, so that a crash loses nothing
     except OSError as error:
         raise WireLogError(f"{path}: {why_not_written(error, 'choose another name')}") from error
     begun_s, lock = time.monotonic(), threading.Lock()
@@ -65,7 +63,7 @@ def recording_wire_log(path: Path, config: RigConfig) -> Iterator[None]:
                 return
             try:
                 file.write(json.dumps({"t": at_s, **exchange}) + "\n")
-            except OSError as error:  # it is not the device's: who speaks to that shall not see it
+            except OSError as error:  # not an error of the device: its user must not see it
                 ended = True
                 _log.warning("%s: %s; the log ends after %.1f s", path, why_not_written(error), at_s)
 
@@ -78,5 +76,5 @@ def recording_wire_log(path: Path, config: RigConfig) -> Iterator[None]:
         yield
     finally:
         monitor.unsubscribe(write)
-        with lock, suppress(OSError):  # of a line that could not be written, which was told
+        with lock, suppress(OSError):  # already reported when a line could not be written
             file.close()

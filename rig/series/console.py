@@ -71,7 +71,7 @@ class SeriesConsole:
         try:
             bundle = load_bundle(self._series.bundles / outcome.bundle)
             write_preview(path, bundle, f"{outcome.number} of {self._series.plan.repeat}")
-        except SkyfixError as error:  # that there is no picture is no reason to end the series
+        except SkyfixError as error:  # a missing picture does not end the series
             self.say(f"rig: {error}")
 
     def _fields(self, outcome: Outcome) -> dict[str, object]:

@@ -183,7 +183,7 @@ _CONVERTERS[type(Path())] = _bundle
 
 def _reading(topic: str, schema: Schema, reading: Any, names: tuple[str, ...]) -> Message:
     values = {name: getattr(reading, name) for name in names}
-    # JSON has no NaN, which is what a chip without a thermometer says.
+    # JSON has no NaN, the value of a chip without a thermometer.
     fields = {
         name: None if isinstance(v, float) and not math.isfinite(v) else v for name, v in values.items()
     }

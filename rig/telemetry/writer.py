@@ -25,7 +25,7 @@ from rig.devices.camera.frames import TimedFrame
 from rig.errors import RigError
 from rig.telemetry.messages import Message, messages_of, opening, time_ns
 
-CHUNK_BYTES = 32_768  # about a second: what a power cut takes
+CHUNK_BYTES = 32_768  # about a second, which a power cut may lose
 FRAME_EVERY_S = 0.5
 SYNC_EVERY_S = 2.0
 WAITING = 4000

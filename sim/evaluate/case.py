@@ -138,7 +138,7 @@ def _row(
     searched, drawn = (
         terrain.dem.metric_crs,
         truth.surface.terrain.metric_crs,
-    )  # of half a DEM it may be the next zone
+    )  # for half a DEM it may be the neighbouring zone
     there_x, there_y = (float(value) for value in transform_xy(drawn, searched, easting, northing))
     off_m, mahalanobis2 = answer.off_by(there_x, there_y) or (None, None)
     truth_probability = answer.probability_of(there_x, there_y, NEAR_CELLS * terrain.cell_m)

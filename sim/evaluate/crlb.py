@@ -25,14 +25,14 @@ from sim.world.surface import Observer, Surface
 Array = NDArray[np.float64]
 
 EAST, NORTH, HEIGHT, AZIMUTH_BIAS, TILT_BIAS, FIRST_FRAME = range(6)
-STEP_M = 0.02  # short: where the ground close by is the skyline, it changes its face within decimetres
+STEP_M = 0.02  # short: near ground as skyline changes its slope within decimetres
 STEP_DEG = 0.01
-COLUMNS_EACH = 4  # one column of these is differentiated, and stands for all
+COLUMNS_EACH = 4  # one of these columns is differentiated and represents all
 MIN_SIGMA_PX = 1e-3
 MIN_SIGMA_DEG = 1e-6
 UNKNOWN_M = 1e5  # no altimeter
-GROUND_SIGMA_M = 0.001  # the mast is as high as it is said to be
-NEAR_CELLS = 2.0  # what stands nearer a DEM cannot tell, as long as it is not the very surface
+GROUND_SIGMA_M = 0.001  # the mast's height is known
+NEAR_CELLS = 2.0  # a DEM does not resolve nearer terrain, unless it is the true surface itself
 
 
 @dataclass(frozen=True)

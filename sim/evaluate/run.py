@@ -52,7 +52,7 @@ def _in_processes(experiment: Experiment, cases: Sequence[int], jobs: int) -> It
     if not cases:
         return
     with _environment(ONE_THREAD):
-        # New processes rather than forks: numba must start with the number of threads that is wanted.
+        # New processes, not forks: numba needs its number of threads at start-up.
         pool = ProcessPoolExecutor(
             min(jobs, len(cases)), multiprocessing.get_context("spawn"), initializer=_leave_interrupts_alone
         )

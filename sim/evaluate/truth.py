@@ -20,7 +20,7 @@ from sim.world.terrain import Terrain
 Array = NDArray[np.float64]
 Generators = Callable[[str], np.random.Generator]
 
-POINTING_DEG = 0.5  # a head stops up to so far from the azimuth it was sent to, and knows it
+POINTING_DEG = 0.5  # largest offset of a stop from the commanded azimuth, known to the rig
 STEEPEST_AIM_DEG = 25.0
 NO_COMPASS_SIGMA_DEG = 180.0
 

@@ -108,7 +108,7 @@ def _foreground(group: int) -> Iterator[None]:
     try:
         with contextlib.suppress(OSError):
             os.tcsetpgrp(terminal, group)
-            os.killpg(group, signal.SIGCONT)  # in case it read too early and was stopped
+            os.killpg(group, signal.SIGCONT)  # in case it read early and was stopped
         yield
     finally:
         os.tcsetpgrp(terminal, os.getpgrp())

@@ -216,7 +216,7 @@ def simulated_rig(
         if any(fault.device == "disk" for fault in faults):
             bundle_dir.mkdir(parents=True, exist_ok=True)
             stage.bundle_link.symlink_to(bundle_dir)
-            bundle_dir = stage.bundle_link  # so that another disk can be put in its place
+            bundle_dir = stage.bundle_link  # a link, so that a fault can replace the disk
         config_path, truth_path = folder / "rig.toml", folder / "truth.json"
         run = run_tables(dem_paths, bundle_dir.with_name("spool")) if dem_paths else {}
         if run:
@@ -298,12 +298,12 @@ def _servo(world: World, joint: Joint, clock: Callable[[], float]) -> Servo:
 
 def _camera(world: World, head: Callable[[], JointState], picture: Picture) -> CameraStream:
     noise, optics = world.rng("camera"), world.scenario.camera
-    one_at_a_time = threading.Lock()  # there is one sensor, however many look at its pictures
+    one_at_a_time = threading.Lock()  # one sensor for all clients
 
     def frame() -> NDArray[np.uint8]:
         with one_at_a_time:
             state = head()
             return picture(world.camera_rotation(state.pan_deg, state.tilt_deg), noise)
 
-    frame()  # the first one compiles its kernels; a client would take a camera that long silent for a broken one
+    frame()  # the first frame compiles its kernels, which would exceed a client's timeout
     return CameraStream(frame, rate_hz=optics.frame_rate_hz, jpeg_quality=optics.jpeg_quality)

@@ -13,7 +13,7 @@ from sim.world.truth import World
 
 METRES_PER_HPA = 8.7
 TICK_DEG = 360.0 / 4096.0
-ALIGNMENT_DEG = 0.003  # nobody knows the mounting of camera and chip better
+ALIGNMENT_DEG = 0.003  # mounting accuracy of camera and chip
 USUAL_TEMPERATURE_SPAN_C = 10.0
 USUAL_HEIGHT_SPAN_M = 300.0
 COLUMN_ERROR_PER_C = 1.0 / 288.0  # of a height difference, for one degree of error in the air's temperature

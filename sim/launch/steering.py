@@ -55,7 +55,7 @@ def _serve(rig: Steerable, listener: socket.socket, stop: threading.Event) -> No
             client, _ = listener.accept()
         except TimeoutError:
             continue
-        with client, suppress(OSError):  # whoever went away needs no answer
+        with client, suppress(OSError):  # the client has gone
             client.sendall(json.dumps(_done(rig, _line(client))).encode() + b"\n")
 
 
@@ -73,7 +73,7 @@ def _line(client: socket.socket) -> bytes:
 
 
 def _done(rig: Steerable, line: bytes) -> dict[str, Any]:
-    from sim.documents import values_of  # of the commands; the simulated rig does without
+    from sim.documents import values_of  # of the commands only; the simulated rig does not need it
 
     try:
         request = values_of(line)

@@ -13,14 +13,14 @@ Array = NDArray[np.float64]
 
 COLUMNS, ROWS, SQUARE_MM, MARKER_MM = 9, 7, 30.0, 22.0
 DICTIONARY = cv2.aruco.DICT_4X4_250
-PAPER_PX_MM = 2.0  # of the drawing: about as fine as the camera sees it
+PAPER_PX_MM = 2.0  # resolution of the drawing, about the camera's
 DRAWN_FINER = 4
 BACKGROUND = 110
 PAPER_BLACK, PAPER_WHITE = 25.0, 225.0
 FRAMES_A_POSE = 4
 MAX_TILT_DEG = 40.0
 DISTANCE_MM = (280.0, 620.0)
-PLACES = (5, 4)  # columns, rows of the picture that the board's middle is brought to in turn
+PLACES = (5, 4)  # columns, rows: positions of the target's centre, in turn
 SEEN_SHARE = (0.06, 0.94)
 
 

@@ -30,7 +30,7 @@ from sim.world.truth import World
 
 Array = NDArray[np.float64]
 
-STEP_PX = 0.43  # a little less than the renderer's rays are apart: a finer picture would alias between them
+STEP_PX = 0.43  # slightly finer than the renderer's rays, to avoid aliasing
 MIN_STEP_DEG = 0.02  # keeps it below 300 MB
 TOP_DEG = 65.0
 BOTTOM_DEG = -40.0

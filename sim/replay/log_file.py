@@ -18,7 +18,7 @@ def load_log(path: Path) -> tuple[dict[str, Any], list[Exchange]]:
     Raises:
         SimulationError: it cannot be read, or is no such log.
     """
-    from sim.documents import log_lines, values_of  # of the commands; what plays the devices does without
+    from sim.documents import log_lines, values_of  # of the commands only; the devices do not need it
 
     lines = log_lines(path)
     no_log = f"log {path}: is no log of rig record"

@@ -109,14 +109,14 @@ class ResponseLookup(Generic[Answer]):
         following = starts[bisect_right(starts, after) % len(starts)]
         now = self._epoch()
         if self._alike(following) == len(self._before) and self._exchanges[following].epoch == now:
-            return following  # as a rule; to look at all takes long in a log of hours
+            return following  # the usual case; checking all positions is slow for long logs
         most = max(self._alike(number) for number in starts)
         alike = [number for number in starts if self._alike(number) == most]
         heard = epoch_heard(sorted({self._exchanges[number].epoch for number in alike}), now)
         here = [number for number in alike if self._exchanges[number].epoch == heard]
         next_here = bisect_right(here, after)
         if len(here) < len(alike) and (heard != now or next_here == len(here)):
-            here = here[-LAST_OF_A_STOP:]  # before these the head may have been under way, or swinging
+            here = here[-LAST_OF_A_STOP:]  # earlier the head may have been moving or swinging
             next_here = bisect_right(here, after)
         return here[next_here % len(here)]
 

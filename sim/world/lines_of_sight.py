@@ -6,7 +6,7 @@ from numba import njit, prange
 CHUNK_CELLS = 8  # length of a straight chunk of track, in the cell's shorter side
 
 
-BLOCK_CELLS = 16  # side of the blocks whose maxima tell invisible chunks; at least a chunk's length
+BLOCK_CELLS = 16  # side of the blocks whose maxima identify invisible chunks; at least a chunk's length
 
 
 AZIMUTHS_PER_TASK = 64

@@ -49,7 +49,7 @@ class Place(Section):
     lat_deg: Latitude | None = None
     lon_deg: Longitude | None = None
     stop: Annotated[int, Field(ge=0)] = (
-        0  # on a trip: another one, another place and lean; same rig, same weather
+        0  # stop of a trip: another number gives another place and attitude; same rig, same weather
     )
     max_slope_deg: Positive = 25.0  # what the vehicle can drive on
     edge_margin_m: NonNegative = 1000.0  # the place, and what forms its horizon, stay this far inside the DEM
@@ -85,14 +85,14 @@ class Servo(Section):
 
     pan_model: ServoModel = "XM430-W350"
     tilt_model: ServoModel = "XM430-W350"
-    backlash_deg: NonNegative = 0.05  # whole width of the play between gear and head
-    settle_sigma_deg: NonNegative = 0.03  # how far from its goal friction lets the shaft come to rest
+    backlash_deg: NonNegative = 0.05  # total backlash between gear and head
+    settle_sigma_deg: NonNegative = 0.03  # error of the resting position from static friction
     encoder_noise_ticks: NonNegative = 0.2  # of one reading
-    zero_sigma_deg: NonNegative = 0.0  # of each joint: by how much the installer's zero tick is off
-    swing_deg: NonNegative = 0.1  # the head swings on after a stop from 60 deg/s, and comes to rest
-    max_velocity_deg_s: Positive = 240.0  # what the motor reaches whatever its profile asks for
+    zero_sigma_deg: NonNegative = 0.0  # of each joint: error of the installer's zero tick
+    swing_deg: NonNegative = 0.1  # swing of the head after a stop from 60 deg/s
+    max_velocity_deg_s: Positive = 240.0  # limit of the motor, whatever its profile
     supply_voltage_v: Positive = 12.0
-    pan_turned_deg: Finite = 0.0  # by hand since the power came on, from where the head is parked
+    pan_turned_deg: Finite = 0.0  # turned by hand since power-on, from the parking position
     tilt_turned_deg: Finite = 0.0
     pan_left: dict[str, int] = Field(
         default_factory=dict
@@ -121,13 +121,11 @@ class Inclinometer(Section):
     """Accelerometer in the head."""
 
     chip: InclinometerChip = "adxl355"
-    soldered: SolderedInclinometer | None = (
-        None  # what really is fitted, where that is not what is written on it
-    )
+    soldered: SolderedInclinometer | None = None  # the chip really fitted, if it differs from its label
     noise_density_ug_rthz: NonNegative = 22.5
     zero_offset_sigma_mg: NonNegative = 0.2  # per axis, what is left after zeroing
     temperature_drift_sigma_mg_c: NonNegative = 0.02  # per axis and degree away from 20 C, where zeroed
-    mounting_sigma_deg: NonNegative = 0.0  # per axis: how askew the chip sits in the head
+    mounting_sigma_deg: NonNegative = 0.0  # per axis: mounting error of the chip in the head
     scale_sigma: NonNegative = 0.0  # per axis, as a share
 
 
@@ -143,10 +141,10 @@ class Compass(Section):
     vehicle_hard_iron_sigma_ut: NonNegative = 0.0  # per axis, fixed to the vehicle
     vehicle_soft_iron_sigma: NonNegative = 0.0  # per element of the vehicle's symmetric matrix
     declination_anomaly_sigma_deg: NonNegative = 0.4  # the local field against the World Magnetic Model
-    disturbance_enu_ut: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)  # of iron or a current beside the rig
+    disturbance_enu_ut: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)  # of iron or a current near the rig
     motor_current_field_ut: NonNegative = 8.0  # while a motor moves
     holding_current_field_ut: NonNegative = 0.0  # while the motors hold the head with torque
-    bridge_offset_sigma_ut: NonNegative = 15.0  # of the chip, per axis; SET and RESET uncover it
+    bridge_offset_sigma_ut: NonNegative = 15.0  # of the chip, per axis; removed by SET and RESET
     talker_noise_deg: NonNegative = 0.2  # per sentence, for kinds that send headings
 
     @model_validator(mode="after")
@@ -162,7 +160,7 @@ class Altimeter(Section):
     kind: AltimeterKind = "bmp390"
     quirk: BarometerQuirk | None = None  # of a talker
     on_compass_port: bool = False  # one serial stream carries both talkers
-    soldered: SolderedAltimeter | None = None  # what really is fitted instead of an ms5611 or ms5607
+    soldered: SolderedAltimeter | None = None  # the chip really fitted instead of an ms5611 or ms5607
     noise_hpa: NonNegative = 0.01  # per reading
     bias_sigma_hpa: NonNegative = 0.25
     reference_sigma_hpa: NonNegative = 0.1  # error of the pressure written down
@@ -252,7 +250,7 @@ def read_toml(path: Path, model: type[Model], example: str) -> Model:
     Raises:
         SimulationError: the file cannot be read, is no TOML, or has a key or value that the model does not have.
     """
-    from sim.documents import toml_file  # of the commands; who makes a world with ``Scenario`` does without
+    from sim.documents import toml_file  # of the commands only; ``Scenario`` does not need it
 
     content = toml_file("scenario", path)
     try:

@@ -136,7 +136,7 @@ def _read_tile(path: Path) -> tuple[NDArray[np.float32], Affine, CRS]:
     packed = re.match(r"(?:/vsi(?:zip|gzip|tar)/)+", name)
     inner = Path(name[packed.end() - 1 :]) if packed else None
     if packed and inner and any(folder.is_file() for folder in (inner, *inner.parents)):
-        name = name[: packed.end()] + str(inner)  # absolute: a Path has lost the second slash
+        name = name[: packed.end()] + str(inner)  # absolute: Path removes the second slash
     try:
         with rasterio.open(name) as dataset:
             if dataset.crs is None:

@@ -15,7 +15,7 @@ Vector = NDArray[np.float64]
 
 STEP_DEG = 0.02
 ASIDE_M = 5.0
-NEAREST_M = 30.0  # nearer terrain is not known so well that it could be a mark
+NEAREST_M = 30.0  # nearer terrain is too inaccurate to be a reference
 OPEN_LIMIT = 0.5
 END_MARGIN_DEG = 1.0
 

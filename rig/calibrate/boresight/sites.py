@@ -25,10 +25,10 @@ STEEPEST_DEG = 12.0
 AZIMUTHS_DEG = np.arange(0.0, 360.0, 1.5)
 IMAGE_SIGMA_DEG = 0.05
 FROM_EDGE_M = 1000.0
-ENCLOSED = 0.9  # of the skyline: what the DEM's edge cuts off may hide higher ridges
+ENCLOSED = 0.9  # share of the skyline: beyond the DEM's edge higher ridges may be hidden
 FAR_M = 1000.0
 APART_M = 300.0
-GOOD_DEG = (0.05, 0.02)  # of azimuth and tilt: both count against what a rig is worth
+GOOD_DEG = (0.05, 0.02)  # sigmas of azimuth and tilt of a good site
 GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 
 

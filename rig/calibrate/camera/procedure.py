@@ -21,7 +21,7 @@ from rig.config.calibration_files import CalibrationError, CameraCalibration
 from rig.devices.camera.driver import Camera
 
 STILL_PX = 0.5
-NEW_SHARE = 0.05  # of the width, by which corners have to have moved since any other view
+NEW_SHARE = 0.05  # of the width: least movement of the corners from any other view
 PATIENCE_S = 60.0
 
 
@@ -78,7 +78,7 @@ def views_from_files(board: CalibrationTarget, pattern: str, size_px: tuple[int,
         raise CalibrationError(f"--images {pattern}: names no file; check the folder, and quote the pattern")
     views = []
     for path in paths:
-        width, height = _size_px(path)  # before it is unpacked: a file of kilobytes can claim gigabytes
+        width, height = _size_px(path)  # before decoding: a small file can claim gigabytes
         if (width, height) != size_px:
             raise CalibrationError(
                 f"{path}: is {width} x {height} px, but [camera] says {size_px[0]} x {size_px[1]}; take pictures of that size"

@@ -32,8 +32,8 @@ MIN_ANGLES = 4
 MIN_HEADINGS = 4
 MIN_TURN_DEG = 200.0
 READING_SIGMA_UT = 0.05
-EARTH_PRIOR_UT = 0.25  # the crust's part, which the model does not have
-WIDE_EARTH_PRIOR_UT = 20.0  # of a field that the compass is asked about instead of the model
+EARTH_PRIOR_UT = 0.25  # the crustal field, which the model lacks
+WIDE_EARTH_PRIOR_UT = 20.0  # if the field is to be measured instead of taken from the model
 SOFT_PRIOR = 0.03
 STAGE_PRIOR_UT = 100.0
 VEHICLE_PRIOR_UT = 2.0  # of a vehicle that was not turned
@@ -41,7 +41,7 @@ WIDE_VEHICLE_PRIOR_UT = 50.0
 RMS_LIMIT_UT = 0.25
 SOFT_LIMIT = 0.3
 SIGMA_LIMIT_DEG = 10.0
-SLOPES_DEG = ((0.0, 0.0), (5.0, 0.0), (0.0, 5.0))  # at which the heading's sigma is to hold
+SLOPES_DEG = ((0.0, 0.0), (5.0, 0.0), (0.0, 5.0))  # slopes over which the heading's sigma is evaluated
 STEP = 1e-4
 
 

@@ -118,7 +118,7 @@ def fit_inclinometer(
 
 def _up_in_head(pitch: float, roll: float, pan: Vector, tilt: Vector) -> Vector:
     """Up (n, 3) in head axes for a base with this slope (heading does not matter)."""
-    # Up in the base: sin(pitch) ahead, and what is left leans to the left for a roll to the right.
+    # Up in the base: sin(pitch) forward, and the rest leans to the left for a roll to the right.
     up = np.array([-np.cos(pitch) * np.sin(roll), np.sin(pitch), np.cos(pitch) * np.cos(roll)])
     x = np.cos(pan) * up[0] - np.sin(pan) * up[1]
     ahead = np.sin(pan) * up[0] + np.cos(pan) * up[1]

@@ -18,7 +18,7 @@ from rig.config.calibration_files import CalibrationError, InclinometerCalibrati
 from rig.config.sections import PanTiltSection
 from rig.devices.connect import Rig, connect
 
-TILTS_DEG = (-40.0, 45.0, 60.0)  # far apart: what the scale and the mounting lack grows with the tilt
+TILTS_DEG = (-40.0, 45.0, 60.0)  # far apart: errors of scale and mounting grow with the tilt
 FROM_LIMIT_DEG = 4.0
 MOVED_LIMIT_DEG = 0.03
 
@@ -115,7 +115,7 @@ def stations(section: PanTiltSection, angles: int) -> list[JointAngles]:
     found = []
     for i, pan_deg in enumerate(pans_deg.tolist()):
         pair = [JointAngles(pan_deg, 0.0), JointAngles(pan_deg, tilts_deg[i % len(tilts_deg)])]
-        found += pair if i % 2 == 0 else pair[::-1]  # so that play in the gears is met from both sides
+        found += pair if i % 2 == 0 else pair[::-1]  # alternating, so that backlash enters from both sides
     return found
 
 

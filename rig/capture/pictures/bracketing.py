@@ -15,7 +15,7 @@ Image = NDArray[np.uint8]
 
 STEPS_EV = (-1.0, -2.0, -3.0)
 BURNT_LEVEL = 250
-ABOVE_PX = (3, 8)  # over the skyline: clear of its edge, and near enough for what the sky took to be there
+ABOVE_PX = (3, 8)  # rows above the skyline: clear of its edge, and near enough to show overexposure
 BURNT_LIMIT = 0.2  # of the columns
 
 

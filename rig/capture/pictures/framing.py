@@ -7,9 +7,9 @@ import numpy as np
 from localizer.skyline.find import CONFIDENT, ColumnState, Skyline
 
 EXTENT_PERCENT = (2.0, 98.0)  # a bush or a pole may stick out
-BEYOND_EDGE = 0.1  # of the height: where a skyline is taken to be that lies outside the picture
+BEYOND_EDGE = 0.1  # of the height: assumed distance of a skyline outside the picture
 COLUMNS_NEEDED = 0.1  # of the width
-CENTRED = 0.05  # of the height: near enough for a skyline that does not fit
+CENTRED = 0.05  # of the height: tolerance for a skyline that does not fit
 
 
 def tilt_correction_deg(

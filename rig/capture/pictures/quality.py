@@ -18,12 +18,12 @@ Thumbnail = NDArray[np.float32]
 
 BLACK, WHITE = 3.0, 252.0  # mean level
 THUMBNAIL_SIZE = 20, 15
-PLAIN_LEVELS = 4.0  # scatter of a picture in which there is nothing to see
-SAME_LEVELS = 3.0  # no patch of two pictures of the same view differs by more
+PLAIN_LEVELS = 4.0  # scatter of a featureless picture
+SAME_LEVELS = 3.0  # largest difference of a patch between two pictures of the same view
 CHANGING_LEVELS = (
     4.0  # mean change of the patches from the first frame to the last: clouds and trees make less
 )
-TURNED_DEG = 4.0  # by which two views differ whatever they show
+TURNED_DEG = 4.0  # rotation after which two views always differ
 BLURRED_SHARE = 0.02  # of the height: width of the skyline's edge
 SHARPEST_PX = 4.0
 EDGE_REACH_PX = 15
@@ -63,7 +63,7 @@ def defect(frames: Sequence[Image], pan_deg: float, tilt_deg: float, seen: Seque
         if turned_deg >= TURNED_DEG and float(np.abs(last - view.thumbnail).max()) < SAME_LEVELS:
             return f"has not changed although the head turned by {turned_deg:.0f} deg"
     if len(frames) > 1 and np.array_equal(frames[0], frames[-1]):
-        return "has not changed in the least from frame to frame"  # where light is measured there is noise
+        return "has not changed in the least from frame to frame"  # real exposures have noise
     return None
 
 

@@ -15,7 +15,7 @@ from rig.errors import TransientError
 
 TRIES = 6
 WITHIN_S = 8.0
-PAUSE_S = 0.1  # doubled each time: a camera that lags by some seconds has caught up by the end
+PAUSE_S = 0.1  # doubles each time, to cover a camera that lags by some seconds
 
 REMEDIES = {
     "is black": "look at the lens cap, the light and the camera's exposure",

@@ -81,7 +81,7 @@ class HostCheck:
         refusal = PlainTextResponse(
             f"asked as {asked}, which is not known here: use the address, or add the name to [run.http] names\n",
             status_code=421,
-            headers={"Connection": "close"},  # or a body would be taken in that nobody has looked at
+            headers={"Connection": "close"},  # otherwise an unchecked body would be read
         )
         await refusal(scope, receive, send_guarded)
 
@@ -165,7 +165,7 @@ def token_check(token: str | None, count: Callable[[str], None] = lambda what: N
     ) -> None:
         if token is None:
             raise HTTPException(403, "nothing can be done over HTTP: [run.http] token_file is not configured")
-        # bytes: a string that is not ASCII could not be compared
+        # bytes: non-ASCII strings cannot be compared
         if shown is None or not hmac.compare_digest(shown.credentials.encode(), token.encode()):
             if shown is not None:
                 count("wrong tokens")

@@ -32,7 +32,7 @@ class IdleTimeoutProtocol(H11Protocol):
             claim = 4
         elif self.idle:
             claim = 0
-        elif not self.cycle.response_started:  # the body does not end, or a wrong token waits
+        elif not self.cycle.response_started:  # the body is incomplete, or a wrong token is being delayed
             claim = 1
         else:
             claim = 3 if self.scope["path"] == STREAM_PATH else 2

@@ -232,7 +232,7 @@ def latest_answer(answer: Answer, snapshot: Snapshot, valid_s: float, now: Insta
     moved, place = snapshot.moved, answer.fix.position
     try:
         here = None if place is None else map_metres(place.crs, place.easting_m, place.northing_m)
-    except MapError:  # of an answer that another version has stored
+    except MapError:  # stored by another version
         here = None
     return LatestAnswer(
         **_answer_fields(answer),
@@ -250,7 +250,7 @@ def fix_answer(answer: Answer, snapshot: Snapshot, valid_s: float, now: Instant)
     """The newest of the snapshot's answers, and the last fix where that is another."""
     before = snapshot.last_fix if answer.fix.status != "fix" else None
     last_fix = None
-    if before is not None:  # there is a newer capture, so it is not current whatever its age
+    if before is not None:  # a newer capture exists, so it is not current at any age
         last_fix = latest_answer(before, snapshot, valid_s, now).model_copy(update={"current": False})
     return FixAnswer(**dict(latest_answer(answer, snapshot, valid_s, now)), last_fix=last_fix)
 

@@ -89,7 +89,7 @@ class Odometer:
             course = math.radians(velocity.course_deg or 0.0)
             now = velocity.speed_m_s * math.sin(course), velocity.speed_m_s * math.cos(course)
             without_course = velocity.course_deg is None
-            if self._odometry_state.speed_m_s is None:  # before the first one there was a silence, too
+            if self._odometry_state.speed_m_s is None:  # there was a gap before the first one, too
                 self._odometry_state.speed_m_s, self._odometry_state.heard_s = (
                     now,
                     self._odometry_state.began_s,
@@ -280,7 +280,7 @@ class OdometryListener:
             self._bad += 1
             if (
                 self._bad & (self._bad - 1) == 0
-            ):  # 1, 2, 4, 8, ...: a talker that talks nonsense does not fill the log
+            ):  # logged for counts 1, 2, 4, 8, ...: a faulty talker must not flood the log
                 _log.warning("odometry not understood", problem=str(error), so_far=self._bad)
 
     def _velocity_in(self, line: bytes, at_s: float) -> Velocity | None:

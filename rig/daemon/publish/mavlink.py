@@ -52,7 +52,7 @@ def publishing(
         yield
     finally:
         stop.set()
-        thread.join(timeout=2.0 * POLL_EVERY_S + HEARTBEAT_EVERY_S)  # longer where a name is being looked up
+        thread.join(timeout=2.0 * POLL_EVERY_S + HEARTBEAT_EVERY_S)  # longer during a name lookup
 
 
 class _Publisher:
@@ -204,7 +204,7 @@ class _LinkSession:
                 self._acknowledged(message.result)
 
     def _acknowledged(self, result: int) -> None:
-        if self._awaited_s is None:  # of one that was sent again, and is answered twice
+        if self._awaited_s is None:  # a duplicate acknowledgement after a retransmission
             return
         self._awaited_s = None
         if result == self._common.MAV_RESULT_ACCEPTED:

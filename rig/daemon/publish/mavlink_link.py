@@ -104,7 +104,7 @@ class _Connected:
 
     def write(self, data: bytes) -> None:
         sent = self._socket.send(data)
-        if sent < len(data):  # the rest of a message would have to come first, and later is too late
+        if sent < len(data):  # the rest would have to be sent first, and later is too late
             raise BrokenPipeError("the other end does not read")
 
     def read(self) -> bytes:

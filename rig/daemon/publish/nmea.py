@@ -97,7 +97,7 @@ class _Publisher:
                 now_s = time.monotonic()
                 if now_s >= due_s:
                     self._send()
-                    due_s = max(due_s + self._section.every_s, now_s)  # what was missed is not made up for
+                    due_s = max(due_s + self._section.every_s, now_s)  # missed epochs are skipped
                 self._wait(min(due_s - now_s, STOP_NOTICED_S), stop)
 
     def _wait(self, timeout_s: float, stop: threading.Event) -> None:
@@ -117,7 +117,8 @@ class _Publisher:
         how = now.utc, self._section.quality, self._section.sentences
         dated = not any(clock_problem(utc) for utc in (now.utc, now.utc if fix is None else fix.utc))
         if self._server is not None:
-            # who connects in the middle of a fix would never see its time change, and gpsd would not know where it ends
+            # a client that connects during a repeated fix sees no time change, which gpsd needs to end an
+            # epoch
             first = b"" if fix is None else epoch(None, *how, dated=dated)
             self._server.send(epoch(fix, *how, dated=dated), first=first)
         for target in self._targets:

@@ -96,7 +96,7 @@ def lat_lon(fix: PublishedFix | None) -> Fields:
 
 def degrees_minutes(angle_deg: float, degree_digits: int) -> str:
     """``ddmm.mmmmm`` of the absolute value."""
-    # rounded as a whole, for minutes rounded by themselves may come to 60.00000
+    # rounded as a whole: rounded minutes could become 60.00000
     unit = 10**MINUTE_DECIMALS
     degrees, minutes = divmod(round(abs(angle_deg) * 60.0 * unit), 60 * unit)
     return f"{degrees:0{degree_digits}d}{minutes // unit:02d}.{minutes % unit:0{MINUTE_DECIMALS}d}"
@@ -109,14 +109,14 @@ def _zda(_fix: PublishedFix | None, utc: datetime, _quality: int) -> Fields:
 def _rmc(fix: PublishedFix | None, utc: datetime, quality: int) -> Fields:
     at = utc if fix is None else fix.utc
     status, mode = ("V", "N") if fix is None else ("A", _MODE[quality])
-    # no speed, course and variation; V at the end: this equipment gives no navigational status
+    # no speed, course and variation; V at the end: no navigational status available
     return [hhmmss(at), status, *lat_lon(fix), "", "", f"{at:%d%m%y}", "", "", mode, "V"]
 
 
 def _gga(fix: PublishedFix | None, utc: datetime, quality: int) -> Fields:
     altitude_m = "" if fix is None or fix.altitude_m is None else f"{fix.altitude_m:.1f}"
     at = utc if fix is None else fix.utc
-    # no satellites, no dilution of precision, and the geoid's height is not known here
+    # no satellites, no dilution of precision, geoid height unknown
     return [hhmmss(at), *lat_lon(fix), str(quality if fix else 0), "00", "", altitude_m, "M", "", "M", "", ""]
 
 
@@ -130,12 +130,12 @@ def _gst(fix: PublishedFix | None, utc: datetime, _quality: int) -> Fields:
     if fix is None:
         return [hhmmss(utc), *[""] * 7]
     ellipse = [f"{fix.sigma_major_m:.2f}", f"{fix.sigma_minor_m:.2f}", _azimuth(fix.major_azimuth_deg, 180.0)]
-    # no ranges whose residuals could be told, and no sigma of the altitude
+    # no range residuals, and no sigma of the altitude
     return [hhmmss(fix.utc), "", *ellipse, f"{fix.sigma_north_m:.2f}", f"{fix.sigma_east_m:.2f}", ""]
 
 
 def _hdt(fix: PublishedFix | None, _utc: datetime, _quality: int) -> Fields | None:
-    # an empty one would be read as north by some
+    # some receivers read an empty one as north
     return None if fix is None or fix.heading_deg is None else [_azimuth(fix.heading_deg, 360.0), "T"]
 
 

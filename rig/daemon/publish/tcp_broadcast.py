@@ -83,9 +83,7 @@ class TcpBroadcast:
     def _accept(self) -> None:
         try:
             client, address = self._listener.accept()
-        except (
-            OSError
-        ) as error:  # gone again already; or no descriptor is left, and then it would fail on and on
+        except OSError as error:  # closed again, or out of descriptors, which would repeat endlessly
             _log.warning("nmea: a client could not be taken in: %s", error.strerror)
             self._selector.unregister(self._listener)  # until the next ``send``
             return
@@ -94,10 +92,10 @@ class TcpBroadcast:
             client.close()
             return
         client.setblocking(False)
-        with suppress(OSError):  # it may have left meanwhile, which the first exchange will tell
+        with suppress(OSError):  # it may have disconnected; the first exchange will show it
             client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             client.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, UNACKNOWLEDGED_MS)
-            # else the system would keep minutes of sentences for one that does not read
+            # otherwise the system would buffer minutes of sentences for a client that does not read
             client.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, WAITING_BYTES)
         self._waiting[client] = bytearray()
         self._new.add(client)

@@ -56,7 +56,7 @@ def restore(daemon_state: DaemonState, spool: Spool) -> None:
     if known is not None and not known.before_start:
         return
     last, last_fix = (answer and restored(*answer) for answer in spool.latest())
-    newest = last or last_fix  # the newest bundle's may be one that cannot be read
+    newest = last or last_fix  # the newest bundle's answer may be unreadable
     if newest is not None:
         daemon_state.restore(newest, last_fix)
 

@@ -50,7 +50,7 @@ def main() -> None:
         signal.signal(number, signal.SIG_IGN)
     os.nice(NICENESS)
     out = os.fdopen(os.dup(sys.stdout.fileno()), "w", buffering=1, encoding="utf-8")
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # whatever a library prints is no answer
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # output of libraries must not mix with answers
     requests: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
     threading.Thread(target=_receive, args=(requests,), daemon=True).start()
     try:
@@ -93,7 +93,7 @@ def _send(out: TextIO, message: dict[str, Any]) -> None:
 
 def _located(terrain: Terrain, request: dict[str, Any]) -> dict[str, Any]:
     bundle = load_bundle(Path(request["bundle"]))
-    if bundle.directory.is_symlink():  # what is found would be written where it leads
+    if bundle.directory.is_symlink():  # results would be written to the link's target
         raise BundleError(f"{bundle.directory}: is a link; put the bundle itself into the spool")
     if bundle.id != bundle.directory.name:
         raise BundleError(

@@ -168,7 +168,7 @@ class Spool:
         """
         with self._transaction() as db:
             newest = db.execute("SELECT trigger FROM bundles ORDER BY number DESC LIMIT 1").fetchone()
-            if newest == ("found",):  # the leg is from a capture before that one
+            if newest == ("found",):  # the leg starts at an earlier capture
                 leg = None
             intent = {"trigger": trigger, "leg": leg_json(leg), "boot": boot_id(), "odometer": odometer}
             remember(db, "capturing", json.dumps(intent))
@@ -207,7 +207,9 @@ class Spool:
 
     def set_answer(self, answer: Answer, tracker: Tracker) -> None:
         """Store a bundle's answer and the tracker's state after it, in one transaction."""
-        size_bytes = size_bytes_of(self.bundles_dir / answer.bundle)  # the search has put skylines beside it
+        size_bytes = size_bytes_of(
+            self.bundles_dir / answer.bundle
+        )  # includes the skylines written by the search
         with self._transaction() as db:
             db.execute(
                 "UPDATE bundles SET state = 'located', tries = tries + 1, reason = NULL, answer = ?, bytes = ? "
@@ -255,7 +257,7 @@ class Spool:
         None if there is none, or this version cannot read it.
         """
         found = []
-        # json_extract fails the whole query where a row is damaged
+        # json_extract fails the whole query for one damaged row
         status = "CASE WHEN json_valid(answer) THEN json_extract(answer, '$.fix.status') END"
         for wanted in ("", f"AND {status} = 'fix' "):
             rows = self._read(
@@ -294,7 +296,7 @@ class Spool:
             bundles = {
                 name
                 for name in names
-                if name.isprintable()  # what is no text cannot be in the index; what is no id, the search refuses
+                if name.isprintable()  # undecodable names cannot be in the index; invalid ids are rejected by the search
                 and (self.bundles_dir / name / FILE_NAME).is_file()
             }
             known = {row[0] for row in self._read("SELECT bundle FROM bundles WHERE here")}
@@ -314,7 +316,7 @@ class Spool:
                     self._take_in(db, name, intent if name == new[-1] else {})
                 if new and intent.get("odometer"):
                     remember(db, ODOMETER, intent["odometer"])
-                elif new:  # what is remembered is the way since a capture before
+                elif new:  # the stored leg starts at an earlier capture
                     db.execute("DELETE FROM memory WHERE name = ?", (ODOMETER,))
                 db.execute("DELETE FROM memory WHERE name = 'capturing'")
                 db.execute(

@@ -72,7 +72,6 @@ class SerialPort:
             bytesize=serial.EIGHTBITS,
         )
         # FTDI adapters buffer bytes for 16 ms by default. A pty has no such setting and needs none.
-        # none.
         try:
             port.set_low_latency_mode(True)
         except (ValueError, OSError) as error:

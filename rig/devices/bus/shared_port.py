@@ -98,7 +98,9 @@ class SharedPort:
     def discard_input(self) -> None:
         """Discard this listener's unread bytes; the others keep theirs."""
         line = self._require_line()
-        if line.reading.acquire(timeout=_TURN_S):  # else another one has just emptied the system's buffer
+        if line.reading.acquire(
+            timeout=_TURN_S
+        ):  # otherwise another listener has just emptied the system's buffer
             try:
                 line.receive(Deadline.after(0.0))
             finally:

@@ -116,7 +116,7 @@ class Camera:
 
         Raises ``TransientError`` if a network camera rejects it.
         """
-        self._wanted_ev = ev  # a local camera is told by the thread that reads it
+        self._wanted_ev = ev  # set on a local camera by the reading thread
         url = self._section.exposure_url
         if url is not None and not self._is_local:
             self._set_network_exposure(url, ev)
@@ -127,7 +127,7 @@ class Camera:
             with get(
                 url.replace("{ev}", f"{ev:g}"), self._section.read_timeout_s, "[camera] exposure_url"
             ) as reply:
-                reply.read1(4096)  # how much more it says, and how slowly, is its own affair
+                reply.read1(4096)  # the rest of the reply is not needed
         except UnusableUrlError as error:
             raise self._error(f"takes no exposure: {error.problem}", error.remedy) from None
         except (OSError, http.client.HTTPException) as error:
@@ -218,7 +218,7 @@ class Camera:
                     continue
                 with self._changed:
                     if self._failure is None or not isinstance(failure, TransientError):
-                        self._failure = failure  # that it cannot be opened again is not why it ended
+                        self._failure = failure  # keep the original cause, not the failure to reopen
                     over = self._has_given_up()
                     self._changed.notify_all()
                 if over:
@@ -233,7 +233,7 @@ class Camera:
         """
         with ExitStack() as told:
             exposure: LocalExposure | None = None
-            if self._is_local:  # before it is opened: no picture is asked for with another program's zoom
+            if self._is_local:  # before opening, so that no picture has another program's zoom
                 told.callback(V4l2Settings(self._section.source, self.name).restore)
             capture = self._open()
             told.callback(capture.release)
@@ -242,7 +242,7 @@ class Camera:
                 told.callback(exposure.restore)
                 exposure.begin()
                 told.callback(FixedControls(capture, self._fixed_controls(), self.name).restore)
-            if self._wanted_ev == 0.0:  # a program that was killed may have left it dark
+            if self._wanted_ev == 0.0:  # a killed program may have left it dark
                 self._restore_auto_exposure()
             not_before_s = -math.inf
             while not self._stop.is_set():
@@ -293,7 +293,7 @@ class Camera:
             capture = cv2.VideoCapture(section.source, cv2.CAP_V4L2)
             if (
                 section.fourcc is not None and capture.isOpened()
-            ):  # before the size: some are of one format only
+            ):  # before the size: some sizes exist in one format only
                 self._request_pixel_format(capture, section.fourcc)
             # Only requested: the actual frame size is checked.
             capture.set(cv2.CAP_PROP_FRAME_WIDTH, section.width_px)

@@ -16,7 +16,7 @@ _PREFIX_BYTES = len(_HEADER) + 3  # header, id, length
 _CRC_BYTES = 2
 _STATUS = 0x55
 _MIN_LENGTH = 3  # instruction and CRC
-_MAX_LENGTH = 1024  # more than any register block: what claims more is noise that looks like a header
+_MAX_LENGTH = 1024  # more than any register block: a larger length is noise
 
 
 class Instruction(IntEnum):
@@ -144,9 +144,9 @@ class StatusParser:
 
     def _skip_to_header(self) -> bool:
         start = self._buffer.find(_HEADER)
-        if start < 0:  # its first bytes may be at the end
+        if start < 0:  # the start of a header may be at the end
             start = max(0, len(self._buffer) - len(_HEADER) + 1)
-        if start:  # the rest of a packet that was given up is no news
+        if start:  # the rest of a dropped packet needs no report
             earlier = self.problem
             self._drop(start, "bytes that are no packet")
             self.problem = earlier or self.problem

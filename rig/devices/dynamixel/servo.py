@@ -16,7 +16,7 @@ STATE_LENGTH = 25
 _IN_POSITION = 0x01
 _EEPROM = 9, 55  # Return Delay Time ... Shutdown: address and length of one read
 _RAM = 64, 40  # Torque Enable ... Goal Current
-_JUMP_TICKS = 64  # 5.6 deg: more than what the head sags or is pulled when the torque comes on
+_JUMP_TICKS = 64  # 5.6 deg: more than sag, or motion when the torque comes on
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class Servo:
         try:
             if self.read("Status Return Level") == table.STATUS_RETURN_ALL:
                 return
-        except TransientError as error:  # at level 0 it answers no read; one that is lost is asked for again
+        except TransientError as error:  # at level 0 it answers no reads; a lost answer is retried
             _log.debug("%s", error)
         where = self._registers["Status Return Level"]
         level = where.encode(table.STATUS_RETURN_ALL)

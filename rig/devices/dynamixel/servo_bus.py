@@ -160,7 +160,7 @@ class ServoBus:
         found: dict[int, Status] = {}
         last_try = False
         while len(found) < len(servo_ids) and not last_try:
-            last_try = deadline.expired  # what arrived while this process was not scheduled still counts
+            last_try = deadline.expired  # bytes received while this process was not scheduled still count
             data = self._port.read(deadline)
             found |= {s.servo_id: s for s in parser.feed(data) if s.servo_id in servo_ids}
         if parser.problem and len(found) == len(servo_ids):

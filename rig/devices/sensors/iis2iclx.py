@@ -30,7 +30,7 @@ _CTRL8_XL = 0x17
 _STATUS = 0x1E
 _OUT_TEMP = 0x20
 _OUT_X = 0x28
-_OUT_Z = 0x2C  # reserved in this chip, the third axis in its relatives
+_OUT_Z = 0x2C  # reserved in this chip, the third axis in related ones
 
 _IDENTITY = 0x6B  # which is also one of its two addresses
 _OTHER_BANKS = (0x80, 0x40)  # embedded functions, sensor hub

@@ -25,7 +25,7 @@ _CONVERT_TEMPERATURE_4096 = 0x58
 _READ_ADC = 0x00
 
 _RESET_S = 0.005
-_CONVERSION_S = 0.010  # 9.04 ms at most; to ask earlier spoils the conversion
+_CONVERSION_S = 0.010  # 9.04 ms at most; an earlier read invalidates the conversion
 _BMP3_IDENTITIES = (0x60, 0x50)
 
 
@@ -106,7 +106,7 @@ class Ms5611:
         if crc4(prom) != prom[15] & 0x0F:
             raise self._chip.broken("the checksum of its factory calibration is wrong")
         coefficients = struct.unpack(">6H", prom[2:14])
-        if 0 in coefficients:  # an empty PROM has a good checksum
+        if 0 in coefficients:  # an empty PROM has a valid checksum
             raise self._chip.broken("has no factory calibration")
         self._coefficients = Coefficients(*coefficients)
 

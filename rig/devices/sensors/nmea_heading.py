@@ -118,13 +118,14 @@ def _ptnthpr(sentence: Sentence, at: Instant) -> HeadingReading:
 
 
 def _ohpr(sentence: Sentence, at: Instant) -> HeadingReading:
-    # Which fields follow azimuth, pitch and roll is a setting of the compass: they cannot be told apart here.
+    # The fields after azimuth, pitch and roll depend on the compass's settings and cannot be identified here.
     pitch_deg, roll_deg = sentence.number(1), sentence.number(2)
     return _heading(sentence, at, "magnetic", pitch_deg=pitch_deg, roll_deg=roll_deg)
 
 
 def _lettered(sentence: Sentence, at: Instant) -> HeadingReading:
-    # Which letters follow is a setting of the compass; E is the error code of PNI's, which talk alike.
+    # The letters depend on the compass's settings; E is the error code of PNI's compasses, which use the same
+    # format.
     values = {
         field.rstrip("+-.0123456789"): field.lstrip("ABCDEFGHIJKLMNOPQRSTUVWXYZxyz")
         for field in sentence.fields

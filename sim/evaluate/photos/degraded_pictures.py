@@ -51,7 +51,7 @@ def _far_ridge(darker: float) -> Degradation:
             0.12 * h * np.sin(np.pi * np.clip((u - start) / 0.5, 0.0, 1.0)) * (1.0 + 0.1 * np.sin(40.0 * u))
         )
         far = np.maximum(row - rise, 0.0)
-        # A little into the nearer ridge: its edge is blurred, and has the sky's light in it.
+        # Slightly into the nearer ridge: its blurred edge contains sky light.
         ridge = np.clip(_below(image, far), 0.0, 1.0) * np.clip(2.0 - _below(image, row), 0.0, 1.0)
         return image * (1.0 - darker * np.nan_to_num(ridge)[..., None]), far
 

@@ -120,7 +120,7 @@ def _aletsch(data_dir: Path, work_dir: Path) -> Standpoint:
             f"{folder / 'aletsch_1890s.jpg'}: {width_px} x {height_px} px; give the one of 1024 x 763"
         )
     image = np.ascontiguousarray(paper[p["top"] : p["bottom"], p["left"] : p["right"]])
-    # the resection took the middle of the whole picture, border included, for the principal point
+    # the resection used the centre of the whole picture, border included, as principal point
     middle = principal_point_px((width_px, height_px), (0.0, 0.0))
     camera = _camera(image, (ALETSCH_FOCAL_PX,) * 2, cropped(middle, p["left"], p["top"]), (0.0,) * 5)
     crs = CRS.from_epsg(21781)
