@@ -497,7 +497,7 @@ def test_bundles_whose_extra_fields_make_no_sense_are_listed_and_shown(
 
 
 @pytest.mark.parametrize("label", ["../../../evil", "/evil", "a/b", "..", ".hidden", "C:x", "N"])
-def test_a_bundle_derived_anew_puts_no_picture_elsewhere_whatever_its_label(
+def test_a_recalibrated_bundle_puts_no_picture_elsewhere_whatever_its_label(
     tmp_path: Path, label: str
 ) -> None:
     image, out = np.zeros((48, 64, 3), np.uint8), tmp_path / "field" / "bundles"

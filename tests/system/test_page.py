@@ -107,7 +107,7 @@ def smallest_type_px(page: Page) -> float:
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_each_status_looks_like_itself_and_an_old_fix_never_like_a_current_one(
+def test_each_status_is_distinct_and_an_old_fix_never_looks_current(
     rig: Rig, window: Callable[[str], object], tmp_path: Path, size: str
 ) -> None:
     with rig.serving() as url, window(size) as page:  # type: ignore[attr-defined]
@@ -157,7 +157,7 @@ def test_each_status_looks_like_itself_and_an_old_fix_never_like_a_current_one(
         assert page.complaints() == []
 
 
-def test_a_fix_grows_old_before_the_eyes(rig: Rig, window: Callable[[str], object]) -> None:
+def test_the_age_of_a_fix_is_updated_live(rig: Rig, window: Callable[[str], object]) -> None:
     with rig.serving() as url, window("phone") as page:  # type: ignore[attr-defined]
         rig.answered(1, "fix", 3590.0)
         page.open(url)

@@ -47,7 +47,7 @@ def test_systemd_understands_every_line_of_the_unit(installed: Path, program: Pr
         ("Type=notfy", "Failed to parse service type"),
     ],
 )
-def test_a_line_that_it_does_not_understand_would_be_told(
+def test_an_unknown_line_would_be_reported(
     installed: Path, program: Program, tmp_path: Path, line: str, said: str
 ) -> None:
     changed = tmp_path / "skyfix.service"

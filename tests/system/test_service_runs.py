@@ -137,7 +137,7 @@ def test_reload_takes_a_good_configuration_and_refuses_a_bad_one(machine: Booted
     machine.until("active (running), 0 restarts", RIG, "service", "status")
 
 
-def test_it_starts_anew_after_a_crash_and_keeps_what_it_had(machine: Booted) -> None:
+def test_it_restarts_after_a_crash_and_keeps_its_state(machine: Booted) -> None:
     machine.run("systemctl", "kill", "--kill-whom=main", "--signal=SIGKILL", "skyfix")
     machine.until("active (running), 1 restarts", RIG, "service", "status")
     status = json.loads(machine.until('"degraded": false', RIG, "status", "--config", CONFIG, "--json"))

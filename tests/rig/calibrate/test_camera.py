@@ -54,12 +54,12 @@ def test_views_that_tell_too_little_are_refused(shown: list[TargetView], reason:
         fit_camera(shown, SIZE)
 
 
-def test_a_board_never_tilted_is_refused() -> None:
+def test_a_target_never_tilted_is_refused() -> None:
     with pytest.raises(CalibrationError, match="camera: "):
         fit_camera(views(25, noise_px=0.4, tilt=0.01), SIZE)
 
 
-def test_a_printed_board_is_found_where_it_is() -> None:
+def test_a_printed_target_is_found_where_it_is() -> None:
     picture = np.asarray(charuco_board(9, 7, 30.0, 22.0).generateImage((540, 420)))
     image = cv2.cvtColor(
         cv2.copyMakeBorder(picture, 30, 30, 50, 50, cv2.BORDER_CONSTANT, value=255), cv2.COLOR_GRAY2BGR
@@ -71,12 +71,12 @@ def test_a_printed_board_is_found_where_it_is() -> None:
 
 
 @pytest.mark.parametrize("text", ["charuco:9x7:30", "chess:9x6:25", "chessboard:9:25", "chessboard:2x6:25"])
-def test_a_description_of_no_board(text: str) -> None:
+def test_an_invalid_description_of_a_target(text: str) -> None:
     with pytest.raises(ValueError, match="board"):
         parse_target(text)
 
 
-def test_only_a_still_board_somewhere_new_is_taken() -> None:
+def test_only_a_still_target_in_a_new_position_is_taken() -> None:
     one, other = views(2)
     assert is_still(one, one)
     assert not is_new(one, [one], SIZE[0])

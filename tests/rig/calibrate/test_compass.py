@@ -154,7 +154,7 @@ def held_and_free(pan_deg: float, gave_way_deg: float, torque_ut: list[float]) -
     return TorqueOnOffPair(held + torque_ut, free, pan_deg, pan_deg + gave_way_deg)
 
 
-def test_what_the_torque_adds_is_told_from_a_head_that_gives_way() -> None:
+def test_the_torque_field_is_separated_from_a_head_that_sinks() -> None:
     hard_ut = Bent(1).stage_ut
     pairs = [
         held_and_free(pan, turn, [1.2, -0.5, 0.8]) for pan, turn in ((-150.0, 3.0), (0.0, -2.0), (150.0, 0.2))

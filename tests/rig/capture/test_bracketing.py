@@ -95,7 +95,7 @@ def stream() -> Iterator[CameraStream]:
     stream.close()
 
 
-def test_a_network_camera_is_told_by_its_url(stream: CameraStream) -> None:
+def test_the_exposure_of_a_network_camera_is_set_by_url(stream: CameraStream) -> None:
     section = CameraSection(
         source=stream.url,
         exposure_url=stream.exposure_url,
@@ -135,7 +135,7 @@ class Driver:
         return True
 
 
-def test_a_local_camera_is_told_by_its_driver() -> None:
+def test_the_exposure_of_a_local_camera_is_set_by_its_driver() -> None:
     driver: Any = Driver()
     exposure = LocalExposure(driver)
     exposure.set(-1.0)

@@ -162,7 +162,9 @@ def test_a_high_skyline_is_followed_upwards(running: RunningRig, tmp_path: Path)
     assert np.nanmax(rows) < 0.85 * HEIGHT_PX
 
 
-def test_a_direction_beyond_the_pan_is_taken_beside(running: RunningRig, tmp_path: Path) -> None:
+def test_a_direction_beyond_the_pan_is_taken_at_the_nearest_angle(
+    running: RunningRig, tmp_path: Path
+) -> None:
     running.rig.base = Attitude(180.0, 0.0, 0.0)
     bundle = load_bundle(take(running, tmp_path, "N"))
     assert 2.0 <= abs(wrapped_deg(bundle.frames[0].azimuth_deg)) < 3.0

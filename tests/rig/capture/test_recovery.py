@@ -104,7 +104,7 @@ class Chip:
         self.closed += 1
 
 
-def test_a_chip_that_restarted_is_set_up_anew() -> None:
+def test_a_chip_that_reset_is_configured_again() -> None:
     chip = Chip()
     sensor = ReconnectingSensor(chip.connect)
     assert sensor.read_many(0.0) == [7]

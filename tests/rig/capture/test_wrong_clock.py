@@ -20,7 +20,7 @@ from rig.config.sections import Place
         (datetime(2026, 11, 30, tzinfo=UTC), None),
     ],
 )
-def test_a_clock_that_cannot_be_right_is_told(now: datetime, said: str | None) -> None:
+def test_an_implausible_clock_is_reported(now: datetime, said: str | None) -> None:
     assert clock.problem(now) == said
 
 

@@ -210,7 +210,7 @@ def test_where_nothing_answers_there_is_no_hint(monkeypatch: pytest.MonkeyPatch)
 
 
 @pytest.mark.parametrize(("latency_ms", "told"), [("16", True), ("1", False), ("x", False)])
-def test_an_adapter_that_holds_bytes_back_is_told(
+def test_an_adapter_with_a_long_latency_is_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, latency_ms: str, told: bool
 ) -> None:
     with servos_on_a_port(servo(1, 1_000_000), servo(2, 1_000_000)) as port:

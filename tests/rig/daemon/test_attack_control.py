@@ -91,7 +91,7 @@ def test_documents_that_are_attacks_are_answered(listening: Listening, attack: s
     assert listening.lives()
 
 
-def test_who_sends_a_byte_now_and_then_holds_up_nobody_and_is_cut_off(
+def test_a_slow_client_delays_no_other_and_is_dropped(
     listening: Listening, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(control_module, "CLIENT_TIMEOUT_S", 0.6)
@@ -105,7 +105,7 @@ def test_who_sends_a_byte_now_and_then_holds_up_nobody_and_is_cut_off(
     assert time.monotonic() - begun_s < 5.0, "the deadline is for all that it sends"
 
 
-def test_many_who_say_nothing_keep_nobody_out(listening: Listening) -> None:
+def test_many_silent_clients_do_not_lock_others_out(listening: Listening) -> None:
     silent = [socket.socket(socket.AF_UNIX) for _ in range(3 * MAX_CLIENTS)]
     try:
         for each in silent:
@@ -188,7 +188,7 @@ def test_a_file_that_is_no_socket_is_not_taken_away(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("answer", [b"[" * 100_000 + b"\n", b"[]\n", b"", b"x" * 9_000_000, b"trickle"])
-def test_whoever_asks_outlives_what_answers(tmp_path: Path, answer: bytes) -> None:
+def test_a_client_survives_the_end_of_the_daemon(tmp_path: Path, answer: bytes) -> None:
     """Another program may listen at that path."""
     ended = threading.Event()
     with socket.socket(socket.AF_UNIX) as liar:
@@ -265,7 +265,7 @@ def test_a_capture_that_the_reserve_of_the_disk_forbids_is_not_answered_started(
         assert daemon_state.snapshot().storage is None
 
 
-def test_a_quota_of_bundles_that_are_not_located_is_told_before_the_capture_too(tmp_path: Path) -> None:
+def test_a_quota_full_of_waiting_bundles_is_reported_before_the_capture_too(tmp_path: Path) -> None:
     daemon_state = DaemonState()
     daemon_state.set_activity("idle")
     with Spool(tmp_path / "spool", 10) as spool:
@@ -306,7 +306,7 @@ def test_a_configuration_that_is_an_attack_is_refused_on_sighup_and_the_daemon_g
     assert daemon_state.snapshot().counts["configurations refused"] == 1
 
 
-def test_a_missing_dem_is_told_with_key_file_and_advice(tmp_path: Path) -> None:
+def test_a_missing_dem_is_reported_with_key_file_and_advice(tmp_path: Path) -> None:
     path = tmp_path / "vehicle.toml"
     path.write_bytes(BOM + EXAMPLE.read_bytes())
     config = load_config(path)

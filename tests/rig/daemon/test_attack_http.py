@@ -182,7 +182,7 @@ def test_after_head_the_connection_goes_on(server: Server) -> None:
             assert client.get("/status").json()["activity"] == "starting"
 
 
-def test_wrong_tokens_are_slowed_down_counted_and_told_without_filling_the_log(
+def test_wrong_tokens_are_delayed_counted_and_logged_at_a_limited_rate(
     server: Server, caplog: pytest.LogCaptureFixture
 ) -> None:
     begun = time.monotonic()
@@ -209,7 +209,7 @@ GUESS = b"POST /capture HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer a-w
 @pytest.mark.parametrize(
     "slow", [GUESS, HEAD + b"Content-Length: 10\r\n\r\n"], ids=["wrong tokens", "bodies that do not end"]
 )
-def test_those_whose_questions_take_long_keep_nobody_out(server: Server, slow: bytes) -> None:
+def test_slow_requests_do_not_lock_others_out(server: Server, slow: bytes) -> None:
     """While they wait, and as many after they have gone: their places are free again."""
     with ExitStack() as stack:
         for _ in range(MAX_WAITING + 4):

@@ -393,7 +393,7 @@ def test_the_metrics_tell_counts_ages_and_devices_and_no_age_where_there_is_no_f
     assert float(values['skyfix_search_seconds_sum{part="refine"}']) == pytest.approx(0.4)
 
 
-def test_a_map_that_cannot_be_drawn_is_told_in_one_line(spool: Spool, tmp_path: Path) -> None:
+def test_a_map_that_cannot_be_drawn_is_reported_in_one_line(spool: Spool, tmp_path: Path) -> None:
     published = Published(spool, dem=tmp_path / "gone.tif")
     with published.client:
         response = published.client.get("/map")
@@ -402,7 +402,7 @@ def test_a_map_that_cannot_be_drawn_is_told_in_one_line(spool: Spool, tmp_path: 
     assert "Traceback" not in response.text
 
 
-def test_a_spool_that_cannot_be_read_is_told_in_one_line(
+def test_an_unreadable_spool_is_reported_in_one_line(
     published: Published, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def broken(limit: int, before: int | None = None) -> list[Entry]:

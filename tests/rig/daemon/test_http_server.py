@@ -81,7 +81,7 @@ def test_events_reach_all_who_listen_in_order_and_streams_end_with_the_server(sp
         assert "event: device" in listener.lines
 
 
-def test_who_listens_in_the_middle_of_a_fix_hears_of_it_first(spool: Spool) -> None:
+def test_a_stream_that_starts_during_a_fix_begins_with_it(spool: Spool) -> None:
     daemon_state = DaemonState()
     with served(spool, daemon_state) as url:
         early = Listener(url)
@@ -96,7 +96,7 @@ def test_who_listens_in_the_middle_of_a_fix_hears_of_it_first(spool: Spool) -> N
         assert late.events()[0]["data"] == {"bundle": bundle_id(1), "status": "fix", "mode": "whole DEM"}
 
 
-def test_who_was_cut_off_hears_what_was_missed(spool: Spool) -> None:
+def test_a_reconnected_stream_gets_the_missed_events(spool: Spool) -> None:
     daemon_state = DaemonState()
     with served(spool, daemon_state) as url:
         early = Listener(url)
@@ -111,7 +111,7 @@ def test_who_was_cut_off_hears_what_was_missed(spool: Spool) -> None:
             assert Listener(url, {"Last-Event-ID": nonsense}).events() == []
 
 
-def test_a_reader_too_many_is_told_to_come_again_and_one_that_leaves_makes_room(spool: Spool) -> None:
+def test_a_stream_beyond_the_limit_is_refused_until_one_ends(spool: Spool) -> None:
     with served(spool, DaemonState()) as url, ExitStack() as held:
         address = httpx.URL(url)
         readers = []
@@ -132,7 +132,7 @@ def test_a_reader_too_many_is_told_to_come_again_and_one_that_leaves_makes_room(
         wait_for(room)
 
 
-def test_a_reader_that_takes_nothing_holds_nobody_up(spool: Spool) -> None:
+def test_a_reader_that_takes_nothing_does_not_delay_others(spool: Spool) -> None:
     daemon_state = DaemonState()
     with served(spool, daemon_state) as url:
         address = httpx.URL(url)
@@ -178,7 +178,7 @@ def test_its_loop_proves_that_it_gets_on_while_it_serves(spool: Spool) -> None:
         heartbeats.beat("http")
 
 
-def test_an_address_that_is_taken_is_told_in_one_line(spool: Spool) -> None:
+def test_an_address_in_use_is_reported_in_one_line(spool: Spool) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         listen = f"127.0.0.1:{taken.getsockname()[1]}"
         with pytest.raises(HttpError, match=f"listen {listen}.*in use"), served(spool, DaemonState(), listen):

@@ -69,7 +69,7 @@ def test_after_a_while_one_more_is_written_with_the_number_left_out(log, monkeyp
     assert log.lines[log_rate_limit.FIRST :] == ["40 more lines like this left out: noise", "good morning"]
 
 
-def test_lines_that_are_nothing_but_values_are_told_apart_by_these(log):
+def test_lines_of_values_only_are_distinguished_by_them(log):
     for number in range(50):
         log.error("%s", f"line {number} of a stack")
     assert len(log.lines) == 50

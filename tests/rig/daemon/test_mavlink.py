@@ -161,7 +161,7 @@ def test_a_fix_of_before_the_link_began_is_not_repeated():
         assert autopilot.count("COMMAND_INT") == 0
 
 
-def test_the_board_tells_whether_the_autopilot_is_heard_and_takes_the_fixes(monkeypatch, caplog):
+def test_the_state_shows_whether_the_autopilot_is_present_and_accepts_fixes(monkeypatch, caplog):
     monkeypatch.setattr(mavlink, "HEARTBEAT_TIMEOUT_S", 1.5)
     daemon_state = DaemonState()
     with linked(daemon_state) as autopilot:
@@ -236,7 +236,7 @@ def test_tcp_and_an_autopilot_that_hangs_up(monkeypatch):
                 until(lambda: "closed the connection" in link_of(daemon_state).detail)
 
 
-def test_who_speaks_to_udpin_is_answered():
+def test_a_sender_to_udpin_is_answered():
     with socket.socket(type=socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
@@ -292,7 +292,7 @@ def test_an_autopilot_that_was_restarted_gets_the_current_fix_again(monkeypatch)
         autopilot.until("GPS_INPUT", lambda message: message.fix_type == 3)
 
 
-def test_a_serial_port_that_is_unplugged_is_a_fault_on_the_board(monkeypatch):
+def test_an_unplugged_serial_port_is_a_fault_in_the_state(monkeypatch):
     monkeypatch.setattr(mavlink, "MIN_RETRY_S", 0.05)
     controller, port = pty.openpty()
     tty.setraw(controller)

@@ -67,7 +67,7 @@ def no_fix(message):
     return message.quality == 0
 
 
-def test_every_client_hears_the_fix_and_then_that_it_is_over():
+def test_every_client_gets_the_fix_and_then_its_expiry():
     with served(valid_s=12.0) as (daemon_state, client, _):
         clients = [client() for _ in range(5)]
         for each in clients:
@@ -99,7 +99,7 @@ def test_a_vehicle_that_moves_on_ends_the_fix_at_once():
         each.until("GGA", no_fix)
 
 
-def test_a_client_that_never_reads_holds_nobody_up_and_is_let_go(monkeypatch, caplog):
+def test_a_client_that_never_reads_delays_no_other_and_is_dropped(monkeypatch, caplog):
     monkeypatch.setattr(tcp_broadcast, "WAITING_BYTES", 2_000)
     with publishing(section(tcp="127.0.0.1:0"), DaemonState()) as publisher, socket.socket() as deaf:
         deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1024)  # so that little can hide on the way
@@ -193,7 +193,7 @@ def test_a_name_that_is_not_known_yet_is_looked_up_aside(monkeypatch):
             assert plotter.recv(65536).startswith(b"$GPZDA")
 
 
-def test_a_datagram_that_cannot_be_sent_is_said_on_the_board_and_tried_again():
+def test_an_unsent_datagram_is_a_fault_in_the_state_and_sent_again():
     address = "127.0.0.1:9"
     daemon_state = DaemonState()
     with publishing(section(tcp=None, udp=("[::1]:9", address)), daemon_state):

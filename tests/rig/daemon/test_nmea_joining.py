@@ -33,7 +33,7 @@ def first_epochs(address, count):
         return qualities
 
 
-def test_who_connects_during_a_fix_first_hears_an_epoch_without_one_and_at_once_the_fix():
+def test_a_client_that_connects_during_a_fix_gets_an_empty_epoch_then_the_fix():
     daemon_state = DaemonState()
     daemon_state.set_answer(an_answer(age_s=10.0))
     with publishing(section(every_s=0.5), daemon_state) as publisher:

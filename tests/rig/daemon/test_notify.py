@@ -57,9 +57,7 @@ def test_without_a_manager_nothing_happens() -> None:
         notifier.progress()
 
 
-def test_a_manager_that_has_gone_is_told_once_in_the_log(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_missing_manager_is_logged_once(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     notifier = Notifier(str(tmp_path / "absent"))
     notifier.progress()
     notifier.progress()
@@ -188,7 +186,7 @@ def test_a_loop_that_ends_in_order_is_not_missed() -> None:
     assert not heartbeats.stuck()
 
 
-def test_a_loop_that_an_error_ended_is_missed_until_it_is_begun_anew() -> None:
+def test_a_loop_ended_by_an_error_is_stalled_until_restarted() -> None:
     heartbeats = Heartbeats()
     with pytest.raises(ZeroDivisionError), heartbeats.watched("search", 600.0):
         _ = 1 // 0

@@ -266,7 +266,7 @@ def test_datagrams_of_several_lines_are_heard_and_nonsense_is_passed_over() -> N
         listener.close()
 
 
-def test_a_vehicle_that_moves_is_told_and_one_that_stands_is_not() -> None:
+def test_motion_is_reported_and_standstill_is_not() -> None:
     moving: list[None] = []
     stop, odometer = threading.Event(), captured_at(time.monotonic())
     listener = OdometryListener(SECTION, odometer, lambda: moving.append(None))
@@ -313,7 +313,7 @@ def test_a_capture_that_the_spool_refuses_takes_nothing_off_the_way() -> None:
     assert way.step_m[0] == pytest.approx(200.0)
 
 
-def test_a_talker_without_a_course_is_told_of_once() -> None:
+def test_a_talker_without_a_course_is_logged_once() -> None:
     listener = OdometryListener(SECTION, captured_at(0.0))
     moving, turning = sentence("IIVTG,,T,,M,10.0,N,18.52,K,A"), sentence("IIVTG,90.0,T,,M,10.0,N,18.52,K,A")
     standing = sentence("IIVTG,,T,,M,0.0,N,0.0,K,A")

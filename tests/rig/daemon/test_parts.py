@@ -47,7 +47,7 @@ class TestLog:
         assert [line[:3] for line in lines] == ["<6>", "<3>", "<4>"]
         assert lines[0] == "<6>capture done bundle=2026-a seconds=1.5"
 
-    def test_the_boards_subscribers_hear_it(self) -> None:
+    def test_subscribers_of_the_state_get_it(self) -> None:
         daemon_state = DaemonState()
         with daemon_state.subscribed() as events, logging_to(daemon_state, {}):
             structlog.get_logger("rig.daemon.x").warning("device fails", device="camera")
@@ -112,7 +112,7 @@ class TestSignals:
                     done.append("ended")
             assert done == ["ended"]
 
-    def test_wishes_are_kept_in_order(self) -> None:
+    def test_requests_are_kept_in_order(self) -> None:
         with Signals() as signals:
             for number in (signal.SIGUSR1, signal.SIGHUP, signal.SIGUSR1):
                 signal.raise_signal(number)
@@ -195,7 +195,7 @@ class TestControl:
         assert isinstance(told.exception, ConfigError)
         assert told.stderr == ""
 
-    def test_a_path_that_is_too_long_is_told(self, tmp_path: Path) -> None:
+    def test_a_path_that_is_too_long_is_reported(self, tmp_path: Path) -> None:
         daemon_state = DaemonState()
         with pytest.raises(ControlError, match="too long for a socket"):
             ControlSocket(

@@ -156,7 +156,7 @@ def test_a_clock_that_says_the_capture_is_yet_to_come_does_not_make_it_young() -
     assert Instant.now().monotonic_s - answer.captured.monotonic_s >= 3600.0
 
 
-def test_an_index_made_anew_takes_the_time_from_the_bundle_itself(tmp_path: Path) -> None:
+def test_a_rebuilt_index_takes_the_time_from_the_bundle(tmp_path: Path) -> None:
     folder = tmp_path / "spool"
     with Spool(folder, 100) as spool:
         write_bundle(spool.bundles_dir, bundle_id(1))
@@ -207,7 +207,7 @@ def test_ages_are_put_right_once_the_clock_is(spool: Spool, monkeypatch: pytest.
     assert Instant.now().monotonic_s - last.captured.monotonic_s == pytest.approx(300.0, abs=5.0)
 
 
-def test_an_answer_that_this_version_cannot_read_is_no_obstacle(spool: Spool) -> None:
+def test_an_answer_of_another_version_is_skipped(spool: Spool) -> None:
     stored(spool, 1, age_s=300.0)
     with spool._transaction() as db:
         db.execute("""UPDATE bundles SET answer = '{"fix": {"status": "fix"}}'""")
@@ -216,7 +216,7 @@ def test_an_answer_that_this_version_cannot_read_is_no_obstacle(spool: Spool) ->
 
 
 @pytest.mark.parametrize("crs", ["nonsense", "EPSG:999999", "PROJCS[" * 3000, '{"type":' * 3000])
-def test_an_answer_on_a_map_that_is_not_known_here_is_told_without_the_map(spool: Spool, crs: str) -> None:
+def test_an_answer_in_an_unknown_crs_is_shown_without_the_map(spool: Spool, crs: str) -> None:
     """Another version of PROJ may have known it, or somebody has edited the index."""
     bundle = stored(spool, 1)
     with spool._transaction() as db:

@@ -43,7 +43,7 @@ class TestProcess:
         assert found.tracker.look_evidence == 4.0
         assert worker.memory_mb > 1.0
 
-    def test_it_is_told_what_is_said_of_the_dem(self) -> None:
+    def test_it_gets_the_dem_options(self) -> None:
         echo = "import json; print(json.dumps({'error': 'told ' + str(json.loads(input())['dem_error_m'])}))"
         for said in (None, 2.5):
             command = sys.executable, "-c", echo
@@ -70,13 +70,13 @@ class TestProcess:
             worker.search(Path(bundle), Tracker(), None)
         assert worker.alive == lives
 
-    def test_a_dem_that_cannot_be_read_is_told_before_anything_is_searched(self) -> None:
+    def test_an_unreadable_dem_is_reported_before_the_search(self) -> None:
         worker = SearchProcess([Path("bad.tif")], 256, IN_TIME_S, FAKE)
         with pytest.raises(SearchFailedError, match=r"bad.tif: does not exist"):
             worker.wait_terrain()
         worker.close()
 
-    def test_whoever_waits_can_be_called_away_and_the_worker_ends(self, worker: SearchProcess) -> None:
+    def test_a_wait_can_be_aborted_and_the_worker_ends(self, worker: SearchProcess) -> None:
         worker.wait_ready()
 
         def away() -> None:
@@ -138,7 +138,7 @@ class TestLoop:
         assert counts["search processes started"] == 1
         assert [entry.tries for entry in spool.entries(2)] == [1, 2]
 
-    def test_a_dem_that_cannot_be_read_ends_the_loop_and_whoever_waits_hears_why(self, spool: Spool) -> None:
+    def test_an_unreadable_dem_ends_the_loop_and_waiters_get_the_reason(self, spool: Spool) -> None:
         worker = SearchProcess([Path("bad.tif")], 256, IN_TIME_S, FAKE)
         search = LocateLoop(spool, DaemonState(), lambda: pytest.fail("started anew"), worker)
         search.run(lambda: None, threading.Event())
@@ -169,7 +169,7 @@ class TestLoop:
         assert "SIGSEGV" in failed.reason
         assert failed.here
 
-    def test_what_comes_in_during_a_search_is_told_at_once(self, tmp_path: Path) -> None:
+    def test_a_bundle_arriving_during_a_search_is_counted_at_once(self, tmp_path: Path) -> None:
         daemon_state, stop = DaemonState(), threading.Event()
         with Spool(tmp_path / "spool", 10, daemon_state.set_waiting) as spool:
             put_bundle(spool, "hang")

@@ -98,7 +98,7 @@ def daemon(tmp_path: Path, manager: Manager) -> Iterator[subprocess.Popen[str]]:
     print((tmp_path / "log").read_text())  # shown where the test fails
 
 
-def test_what_the_service_manager_hears(
+def test_the_messages_to_the_service_manager(
     tmp_path: Path, manager: Manager, daemon: subprocess.Popen[str]
 ) -> None:
     ready = manager.hears(r"READY=1\nSTATUS=.*")

@@ -96,7 +96,7 @@ def test_restarts_grow_rarer_and_end_until_a_capture_has_worked(clock: list[floa
     assert restarts_within(restarts, clock, 12) == 1
 
 
-def test_an_error_that_passes_by_itself_is_waited_for_anew(clock: list[float]) -> None:
+def test_a_transient_error_restarts_the_wait(clock: list[float]) -> None:
     restarts = ServoRestarts(lambda: ["tilt servo: overheated"], (10.0,))
     assert restarts_within(restarts, clock, 9) == 0
     restarts.healthy()

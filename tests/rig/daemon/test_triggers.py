@@ -128,7 +128,7 @@ class TestRest:
                     detector.captured()
         return rests
 
-    def test_a_stop_is_told_once_when_it_has_lasted(self) -> None:
+    def test_standstill_is_reported_once_after_the_debounce_time(self) -> None:
         detector = StationaryDetector(self.SECTION)
         noises = {range(5): 40.0, range(5, 60): 0.5, range(60, 80): 40.0, range(80, 99): 0.5}
         assert self.drive(detector, noises) == [15, 90]
@@ -150,7 +150,7 @@ class TestRest:
                 detector.interrupted()  # by the capture
         assert asked == [10, 21, 32, 71, 82, 93]
 
-    def test_stillness_does_not_count_while_nobody_watches(self) -> None:
+    def test_standstill_does_not_count_while_unobserved(self) -> None:
         detector = StationaryDetector(self.SECTION)
         assert not detector.take(0.5, 0.0)
         detector.interrupted()
@@ -193,7 +193,7 @@ class ShakenChip:
         pass
 
 
-def test_the_board_knows_when_the_vehicle_was_last_shaken(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_state_has_the_time_of_the_last_motion(monkeypatch: pytest.MonkeyPatch) -> None:
     class Quick(threading.Event):
         def wait(self, timeout: float | None = None) -> bool:
             return super().wait(0.001 if timeout else timeout)

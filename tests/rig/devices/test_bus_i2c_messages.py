@@ -65,7 +65,7 @@ NO_WIRES = ("wiring", "cable", "power")
         (errno.ENOMEM, "out of memory", NO_WIRES),
     ],
 )
-def test_each_errno_of_a_transfer_has_words_that_fit(
+def test_each_errno_of_a_transfer_has_its_message(
     number: int, words: str, not_blamed: tuple[str, ...]
 ) -> None:
     bus = FakeI2cBus({0x1D: RegisterChip(registers=bytearray(256))})
@@ -143,7 +143,7 @@ def kernel_with(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[[in
     return make
 
 
-def test_an_adapter_that_can_do_smbus_only_is_told_at_once(
+def test_an_smbus_only_adapter_is_reported_at_once(
     sys_folder: Path, kernel_with: Callable[[int], str]
 ) -> None:
     functions = int(smbus2.smbus2.I2cFunc.SMBUS_READ_BYTE_DATA | smbus2.smbus2.I2cFunc.SMBUS_READ_WORD_DATA)
@@ -247,7 +247,7 @@ def test_a_link_of_udev_is_the_bus_that_it_leads_to(sys_folder: Path, tmp_path: 
     ("number", "words"),
     [(errno.EBUSY, "is busy"), (errno.EOPNOTSUPP, "I2C_FUNC_I2C"), (errno.EAGAIN, "another master")],
 )
-def test_an_errno_of_a_bus_behind_a_bridge_has_the_same_words(number: int, words: str) -> None:
+def test_an_errno_of_a_bus_behind_a_bridge_has_the_same_message(number: int, words: str) -> None:
     bridge = I2cBridge({1: []}, fault=lambda _bus, _address: number)
     try:
         with pytest.raises(DeviceError, match=words):
@@ -270,7 +270,7 @@ def test_a_bridge_that_goes_away_is_not_blamed_on_the_wiring() -> None:
     assert not any("wiring" in line for line in told)
 
 
-def test_a_bridge_whose_name_is_not_known_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unknown_bridge_name_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_args: object) -> socket.socket:
         raise socket.gaierror(-2, "Name or service not known")
 

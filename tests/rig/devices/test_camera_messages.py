@@ -99,7 +99,7 @@ def always(
         (always(200, "application/zip", b"PK"), "is no stream that OpenCV reads", "MJPEG or H.264"),
     ],
 )
-def test_each_answer_of_a_network_camera_has_its_own_words(
+def test_each_answer_of_a_network_camera_has_its_message(
     answer: Callable[..., Answer], problem: str, remedy: str
 ) -> None:
     with served(answer) as host:
@@ -109,7 +109,7 @@ def test_each_answer_of_a_network_camera_has_its_own_words(
     assert remedy in told[1]
 
 
-def test_a_wrong_password_is_told_from_a_missing_one() -> None:
+def test_a_wrong_password_is_distinguished_from_a_missing_one() -> None:
     with served(always(401, **{"WWW-Authenticate": 'Basic realm="c"'})) as host:
         problem, _ = why_not_opened(f"http://crew:wrongpw@{host}/stream")
     assert "does not accept the user and the password (HTTP 401)" in problem
@@ -128,7 +128,7 @@ def test_a_camera_says_why_through_the_reader() -> None:
     assert "secretpw" not in str(caught.value)
 
 
-def test_no_connection_in_its_own_words(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_connection_has_its_message(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "nothing listens on port 9 of 127.0.0.1" in why_not_opened("http://127.0.0.1:9/")[0]
     monkeypatch.setattr("rig.devices.camera.source.ASK_TIMEOUT_S", 0.1)
     with socket.create_server(("127.0.0.1", 0)) as silent:
@@ -156,7 +156,7 @@ def test_no_connection_in_its_own_words(monkeypatch: pytest.MonkeyPatch) -> None
         (b"HTTP/1.1 400 Bad Request", "does not speak RTSP"),
     ],
 )
-def test_an_rtsp_camera_has_its_own_words(line: bytes, words: str) -> None:
+def test_an_rtsp_camera_has_its_message(line: bytes, words: str) -> None:
     def answer() -> None:
         connection, _ = server.accept()
         with connection:
@@ -170,7 +170,7 @@ def test_an_rtsp_camera_has_its_own_words(line: bytes, words: str) -> None:
         thread.join()
 
 
-def test_a_local_source_in_its_own_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_local_source_has_its_message(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "there is no such device" in why_not_opened("/dev/video99")[0]
     assert "there is no such device" in why_not_opened(99)[0]
     assert "it is no video device" in why_not_opened("/dev/shm")[0]
@@ -265,7 +265,7 @@ def test_user_and_password_are_decoded() -> None:
     assert credentials("http://h/s") == ("http://h/s", None, None)
 
 
-def test_an_exposure_is_told_with_the_password_and_fails_without_it() -> None:
+def test_an_exposure_is_set_with_the_password_and_fails_without_it() -> None:
     def answer(handler: BaseHTTPRequestHandler) -> Answer:
         if "exposure" not in handler.path:
             return 200, {"Content-Type": "image/jpeg"}, JPEG

@@ -136,7 +136,7 @@ def test_a_measurement_that_does_not_end_is_given_up(chip, sensor, monkeypatch):
 
 
 @pytest.mark.parametrize("counts", [200_000, -200_000])
-def test_a_magnet_that_saturates_the_sensor_is_told(chip, sensor, counts):
+def test_a_saturating_magnet_is_reported(chip, sensor, counts):
     chip.field_counts = (counts, 0, 0)
     with pytest.raises(TransientError, match="beyond ±8 G; is a magnet near"):
         sensor.read()

@@ -245,7 +245,7 @@ class TestCompass:
         with pytest.raises(TransientError, match=r"damaged: .*; check `baud` and the cable$"):
             hear(nmea_compass, b"237.5,M*2A\r\n$HCHDM,237.6,M*2A\r\n")
 
-    def test_what_says_most_is_told(self, hear: Callable[..., Any]) -> None:
+    def test_the_most_informative_line_is_reported(self, hear: Callable[..., Any]) -> None:
         """A line that was cut when the port was opened must not hide that the compass has no heading."""
         data = has_checksum("HCHDG,,,,,", "GPZDA,1") + b"\xff\x80\x12\r\n"
         with pytest.raises(TransientError, match="HCHDG has no value in field 1 now"):
@@ -422,7 +422,7 @@ class TestBarometer:
         assert {reading.source for reading in barometer.read_many(0.05)} == {"IIXDR BARO2"}
         barometer.close()
 
-    def test_a_vaisala_barometer_that_talks_nmea_is_told(self, hear: Callable[..., Any]) -> None:
+    def test_a_vaisala_barometer_set_to_nmea_is_reported(self, hear: Callable[..., Any]) -> None:
         with pytest.raises(TransientError, match=r"NMEA 0183: WIXDR; .* give the right `kind`"):
             hear(vaisala_pa50, has_checksum("WIXDR,P,0.9687,B,Barometer"))
 

@@ -177,7 +177,7 @@ def test_a_root_that_is_a_file(service: Run, tmp_path: Path) -> None:
     assert (status, err) == (2, f"rig: {tmp_path / 'etc'}: is no folder; choose another --root\n")
 
 
-def test_an_installation_in_a_home_is_told(
+def test_an_installation_in_a_home_is_reported(
     service: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("rig.service.access_check.HOMES", (Path(sys.prefix),))
@@ -187,7 +187,7 @@ def test_an_installation_in_a_home_is_told(
     )
 
 
-def test_an_installation_behind_a_closed_folder_is_told(
+def test_an_installation_behind_a_closed_folder_is_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("rig.service.access_check.HOMES", ())

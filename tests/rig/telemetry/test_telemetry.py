@@ -154,7 +154,7 @@ def test_a_disk_that_refuses_ends_the_telemetry_and_not_the_session(
     )
 
 
-def test_nobody_is_told_afterwards(recorded: Path) -> None:
+def test_no_listener_is_left_afterwards(recorded: Path) -> None:
     size = recorded.stat().st_size
     event_bus.publish(pressures(1)[0])
     assert recorded.stat().st_size == size

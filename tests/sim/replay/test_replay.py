@@ -203,7 +203,7 @@ def test_a_log_passes_the_check_that_it_was_recorded_of(log: Path) -> None:
         assert played.notes.lines(failed=False) == []
 
 
-def test_devices_that_the_log_does_not_hold_are_played_too_and_told(tmp_path: Path) -> None:
+def test_devices_missing_in_the_log_are_played_too_and_reported(tmp_path: Path) -> None:
     """Not the real ones: the log's configuration names those of the vehicle."""
     lines = LOGS[0].read_text().splitlines()
     of_servos = [line for line in lines[1:] if '"port"' in line]
@@ -218,7 +218,7 @@ def test_devices_that_the_log_does_not_hold_are_played_too_and_told(tmp_path: Pa
     assert told[-1].startswith("the log ends after ")
 
 
-def test_a_talker_that_the_log_does_not_hold_is_told(tmp_path: Path) -> None:
+def test_a_talker_missing_in_the_log_is_reported(tmp_path: Path) -> None:
     lines = LOGS[3].read_text().splitlines()  # a compass and a barometer that talk
     without = [line for line in lines[1:] if '"port"' not in line or '"sent"' in line]
     (tmp_path / "chips.log").write_text("\n".join([lines[0], *without]) + "\n")

@@ -38,7 +38,7 @@ def test_turns_about_axes_are_rotations() -> None:
     assert turned_about_axes((0.0, 0.0, 90.0))[:, 0] == pytest.approx([0.0, 1.0, 0.0])
 
 
-def test_the_board_is_still_for_a_while_and_then_elsewhere() -> None:
+def test_the_target_is_still_for_a_while_and_then_elsewhere() -> None:
     optics = CameraOptics(noise=0.0)
     board = CalibrationTargetPictures(optics, np.random.default_rng(1))
     pictures = [board.frame().astype(int) for _ in range(FRAMES_A_POSE + 1)]
@@ -46,7 +46,7 @@ def test_the_board_is_still_for_a_while_and_then_elsewhere() -> None:
     assert np.abs(pictures[-1] - pictures[0]).mean() > 5.0
 
 
-def test_the_operator_hears_a_turn() -> None:
+def test_the_operator_recognises_a_turn() -> None:
     asked = "Heading 2 of 8: turn the vehicle by about 45 deg to the right and stop. Then press Enter."
     assert turn_asked_deg(asked) == 45.0
     assert turn_asked_deg("Stand still. Then press Enter.") is None

@@ -44,7 +44,7 @@ def test_the_torques_field_and_the_headings_sigma_are_in_the_result(tmp_path: Pa
     assert 0.2 < found["azimuth_bias_sigma_deg"] < 1.0
 
 
-def test_beside_iron_it_is_refused_and_leaves_nothing(tmp_path: Path) -> None:
+def test_near_iron_it_is_refused_and_leaves_nothing(tmp_path: Path) -> None:
     world = World.create([EMBEDDED_DEM], Scenario(), 3)
     more = np.array([*world.field.enu_ut[:2], 0.0]) * 0.3
     done, _, _ = calibrate(tmp_path, 4, disturbance_enu_ut=more.tolist())
