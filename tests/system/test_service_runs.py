@@ -40,13 +40,13 @@ ExecStart=/opt/skyfix/bin/sim run --seed 3 -- sh -ec '\\
 HANGING = """
 import pathlib, time
 from rig.commands import cli
-from rig.daemon import device_watch, session
-def probe(self, name, device, probe=device_watch.DeviceWatch._probe):
+from rig.daemon import device_monitor, runtime
+def probe(self, name, device, probe=device_monitor.DeviceMonitor._probe):
     while pathlib.Path("/run/skyfix/hang").exists():
         time.sleep(0.1)
     probe(self, name, device)
-device_watch.DeviceWatch._probe = probe
-session.SLOW_BEAT_S = 10.0
+device_monitor.DeviceMonitor._probe = probe
+runtime.SLOW_BEAT_S = 10.0
 cli.main()
 """
 

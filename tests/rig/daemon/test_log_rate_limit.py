@@ -31,13 +31,13 @@ class Kept(logging.Handler):
 @pytest.fixture
 def log():
     kept = Kept()
-    logger = logging.getLogger("tests.seldom")
+    logger = logging.getLogger("tests.rate_limit")
     handler = RateLimitHandler(kept)
     logger.addHandler(handler)
     logger.setLevel(logging.INFO)
     logger.propagate = False
     logger.lines = kept.lines
-    logger.seldom = handler
+    logger.rate_limit = handler
     yield logger
     logger.removeHandler(handler)
 
@@ -45,7 +45,7 @@ def log():
 def test_the_first_of_a_kind_are_written_and_the_rest_counted(log):
     for number in range(500):
         log.warning("client %d was refused", number)
-    log.seldom.close()
+    log.rate_limit.close()
     assert log.lines[: log_rate_limit.FIRST] == [
         f"client {n} was refused" for n in range(log_rate_limit.FIRST)
     ]

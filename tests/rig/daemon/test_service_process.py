@@ -55,15 +55,15 @@ dem = ["{EMBEDDED_DEM}"]
 HANGING = """
 import pathlib, time
 from rig.commands import cli
-from rig.daemon import device_watch, session
+from rig.daemon import device_monitor, runtime
 
-def probe(self, name, device, probe=device_watch.DeviceWatch._probe):
+def probe(self, name, device, probe=device_monitor.DeviceMonitor._probe):
     while pathlib.Path("hang").exists():
         time.sleep(0.01)
     probe(self, name, device)
 
-device_watch.DeviceWatch._probe = probe
-session.SLOW_BEAT_S = 2.0
+device_monitor.DeviceMonitor._probe = probe
+runtime.SLOW_BEAT_S = 2.0
 cli.main()
 """
 
