@@ -1,4 +1,4 @@
-"""Files that are there completely or not at all."""
+"""Atomic file writes: after a crash or a power cut a file is complete or absent."""
 
 import os
 import secrets
@@ -6,7 +6,7 @@ from pathlib import Path
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Write beside the final name, bring it to the disk and rename; folders are made. Raises ``OSError``."""
+    """Write to a temporary name in the same folder, fsync and rename. Makes missing folders. Raises ``OSError``."""
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
     try:
@@ -21,7 +21,7 @@ def write_atomically(path: Path, content: bytes) -> None:
 
 
 def sync(path: Path) -> None:
-    """Bring a file, or the names in a directory, to the disk: a rename outlives a power cut only so. Raises ``OSError``."""
+    """fsync a file, or a directory after a rename: only then the change survives a power cut. Raises ``OSError``."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)

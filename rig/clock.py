@@ -1,11 +1,11 @@
-"""The rig's clocks. ``time.monotonic`` is for ages, order and deadlines; UTC is for the record.
+"""The rig's clocks. ``time.monotonic`` is for ages, order and deadlines; UTC is for timestamps.
 
-The wall clock of a vehicle computer steps when GPS or NTP first answer. UTC here runs evenly through a session: it is
-the wall clock's at ``begin_session``, carried on by the monotonic clock, so that the times within one bundle belong
-together. ``step_s`` tells by how much the wall clock has gone another way since.
+The wall clock of a vehicle computer steps when GPS or NTP first answer. UTC here does not step within a session: it is
+the wall clock's time at ``begin_session`` plus the monotonic time since, so that the times within one bundle are
+consistent. ``step_s`` is by how much the wall clock has stepped since.
 
-``SKYFIX_CLOCK_OFFSET`` may name a file with seconds to add to the wall clock. It is there for simulations, which can
-step this clock but not the computer's; a file that is absent or not a number adds nothing.
+``SKYFIX_CLOCK_OFFSET`` may name a file with seconds to add to the wall clock. It lets a simulation step this clock
+without stepping the computer's. A file that is absent or holds no number adds nothing.
 """
 
 import os
@@ -17,11 +17,11 @@ from pathlib import Path
 OFFSET_VARIABLE = "SKYFIX_CLOCK_OFFSET"
 
 PLAUSIBLE = datetime(2025, 1, 1, tzinfo=UTC), datetime(2050, 1, 1, tzinfo=UTC)
-"""A computer without a battery begins in 1970, or where its last run or its image ended; this program is younger."""
+"""A computer without a battery-backed clock starts in 1970, or at the time of its last run or of its disk image."""
 
 
 def wall_clock() -> datetime:
-    """What the computer takes for UTC at this moment."""
+    """The computer's wall clock, UTC."""
     return datetime.now(UTC) + timedelta(seconds=_offset_s())
 
 
@@ -36,7 +36,7 @@ def _offset_s() -> float:
 
 
 class _Session:
-    """A pair of simultaneous times."""
+    """The wall clock and the monotonic clock, read at the same moment."""
 
     def __init__(self) -> None:
         self.monotonic_s = time.monotonic()
@@ -47,28 +47,28 @@ _session = _Session()
 
 
 def begin_session() -> None:
-    """Take over the wall clock's time; before a capture, not within one."""
+    """Set the session's time to the wall clock. Call it before a capture, not during one."""
     global _session  # noqa: PLW0603 - there is one wall clock, and everything that reads it shall agree
     _session = _Session()
 
 
 def utc_at(monotonic_s: float) -> datetime:
-    """UTC of a moment on the monotonic clock, by the session's time."""
+    """UTC of a monotonic time, by the session's clock."""
     return _session.utc + timedelta(seconds=monotonic_s - _session.monotonic_s)
 
 
 def utc_now() -> datetime:
-    """UTC of this moment, by the session's time."""
+    """UTC now, by the session's clock."""
     return utc_at(time.monotonic())
 
 
 def step_s() -> float:
-    """By how many seconds the wall clock has stepped since the session began, forwards positive."""
+    """Seconds by which the wall clock has stepped since the session began; forwards is positive."""
     return (wall_clock() - utc_now()).total_seconds()
 
 
 def problem(now: datetime | None = None) -> str | None:
-    """That the computer's clock cannot be right, in words for people; None where it may be."""
+    """Why the computer's clock must be wrong, in one sentence; None if its time is plausible."""
     utc = now or utc_now()
     if PLAUSIBLE[0] <= utc < PLAUSIBLE[1]:
         return None
@@ -77,13 +77,13 @@ def problem(now: datetime | None = None) -> str | None:
 
 @dataclass(frozen=True)
 class Instant:
-    """A moment on both clocks: ``time.monotonic`` in seconds, and UTC (``rig.clock``)."""
+    """The same instant on both clocks: ``time.monotonic`` in seconds, and UTC (``rig.clock``)."""
 
     monotonic_s: float
     utc: datetime
 
     @classmethod
     def now(cls) -> "Instant":
-        """This moment."""
+        """The present."""
         monotonic_s = time.monotonic()
         return cls(monotonic_s, utc_at(monotonic_s))

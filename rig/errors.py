@@ -1,15 +1,14 @@
 """How the rig fails: one clear line each, exit status 2.
 
-Drivers raise ``DeviceError`` or one of its subclasses and nothing else; what the operating system or a
-library raises is turned into one where it happens. Only a ``TransientError`` is worth another try, and only
-``rig.devices.bus.retry`` tries again.
+Drivers raise only ``DeviceError`` and its subclasses; errors of the operating system and of libraries are converted
+where they occur. Only a ``TransientError`` is retried, and only by ``rig.devices.bus.retry``.
 """
 
 from localizer.errors import SkyfixError
 
 
 class RigError(SkyfixError):
-    """Anything expected that can go wrong in the rig."""
+    """Base of all expected failures of the rig."""
 
 
 class ConfigError(RigError):
@@ -17,15 +16,15 @@ class ConfigError(RigError):
 
 
 class GoalError(RigError):
-    """The head was asked to go where it may not go. Nothing has moved."""
+    """The goal is outside the head's limits or in a keep-out zone. Nothing has moved."""
 
 
 class MessageError(RigError):
-    """Received bytes are not a valid message. What pure parsers raise; they know no device to name."""
+    """Received bytes are not a valid message. Raised by pure parsers, which do not know the device."""
 
 
 class NoReadingError(MessageError):
-    """A message arrived whole, and holds no value that can be trusted now: cable and baud rate are in order.
+    """A message is valid but holds no usable value: cable and baud rate are in order.
 
     ``remedy`` says what to do, like that of a ``DeviceError``.
     """
@@ -40,14 +39,14 @@ class NoReadingError(MessageError):
 
 
 class NoChecksumError(MessageError):
-    """A message that has to end with a checksum ends without one."""
+    """A message without the checksum that is required."""
 
 
 class DeviceError(RigError):
-    """A device is absent, is another one than configured, or does not do what it should.
+    """A device is absent, not the configured one, or does not work as it should.
 
-    ``device`` names it as an operator would ("pan servo (id 1) on /dev/ttyUSB0"), ``problem`` says what
-    happened, ``remedy`` what to do.
+    ``device`` is its name for the operator ("pan servo (id 1) on /dev/ttyUSB0"), ``problem`` what happened, ``remedy``
+    what to do.
     """
 
     def __init__(self, device: str, problem: str, remedy: str) -> None:
@@ -58,7 +57,7 @@ class DeviceError(RigError):
 
 
 class WrongDeviceError(DeviceError):
-    """Something answers, but not the chip or the servo model that is configured."""
+    """A device answers, but it is not the configured chip or servo model."""
 
 
 class TransientError(DeviceError):
@@ -66,4 +65,4 @@ class TransientError(DeviceError):
 
 
 class LostPortError(TransientError):
-    """A port that worked has gone away. It may come back under the same name: a lasting one, for USB."""
+    """A port that worked has disappeared. It may return under the same name, if that is a persistent one (USB)."""

@@ -1,7 +1,7 @@
-"""What went wrong on the way and was put right: kept beside the measurement, so that nobody has to wonder.
+"""Recovered faults of a session, stored with the measurement.
 
-Whoever overcomes a fault calls ``note_fault``; whoever records a measurement collects the notes. An error that ends
-the command is no note: it is the message.
+Code that recovers from a fault calls ``note_fault``; code that records a measurement collects the notes. An error that
+ends the command is not noted: it is the command's message.
 """
 
 import logging
@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from rig import feed
+from rig import event_bus
 from rig.clock import Instant
 
 _log = logging.getLogger(__name__)
@@ -19,7 +19,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class FaultNote:
-    """One kind of fault of one device, how often it came, and when first and last."""
+    """One kind of fault of one device: how often it occurred, first and last time."""
 
     device: str
     problem: str
@@ -41,14 +41,14 @@ class FaultNote:
 
 
 class FaultNotes:
-    """The notes of one session, in the order of their first appearance. Used from several threads."""
+    """The notes of one session in order of first occurrence. Thread-safe."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._notes: dict[tuple[str, str, str], FaultNote] = {}
 
     def add(self, device: str, problem: str, action: str) -> None:
-        """Note a fault; one that came before is counted."""
+        """Note a fault; a repeated one only increases its count."""
         key, now = (device, problem, action), Instant.now()
         with self._lock:
             before = self._notes.get(key)
@@ -56,7 +56,7 @@ class FaultNotes:
             self._notes[key] = FaultNote(*key, count, first, now)
 
     def all(self) -> list[FaultNote]:
-        """What has been noted so far."""
+        """All notes so far."""
         with self._lock:
             return list(self._notes.values())
 
@@ -69,16 +69,16 @@ _collectors: list[FaultNotes] = []
 
 
 def note_fault(device: str, problem: str, action: str) -> None:
-    """A fault that does not end the command: which device, what happened, what was done about it."""
+    """Note a recovered fault: the device, what happened, what was done about it."""
     _log.info("%s: %s; %s", device, problem, action)
-    feed.publish(feed.Step("warning", device, f"{problem}; {action}"))
+    event_bus.publish(event_bus.Step("warning", device, f"{problem}; {action}"))
     for notes in list(_collectors):
         notes.add(device, problem, action)
 
 
 @contextmanager
 def collecting() -> Iterator[FaultNotes]:
-    """Collect what is noted, in any thread, while the context lasts."""
+    """Collect the notes of all threads while the context lasts."""
     notes = FaultNotes()
     _collectors.append(notes)
     try:

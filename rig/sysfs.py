@@ -1,6 +1,6 @@
-"""What the kernel says of buses and ports under /sys: names, who holds a chip, how an adapter is set.
+"""What the kernel reports under /sys about buses and ports: names, drivers bound to chips, adapter settings.
 
-Nothing here fails: what cannot be read is unknown, and None.
+No function here raises: what cannot be read is None.
 """
 
 import os
@@ -15,7 +15,7 @@ _BUS_NAME = re.compile(r"i2c-(\d+)")
 
 
 def i2c_adapters() -> dict[int, str]:
-    """Number and name of each I2C adapter that the kernel knows, whether or not it has a file in /dev."""
+    """Number and name of each I2C adapter that the kernel knows, with or without a device file in /dev."""
     found = {}
     for folder in (SYS / "bus/i2c/devices", SYS / "class/i2c-dev", SYS / "class/i2c-adapter"):
         for entry in _entries(folder):
@@ -26,7 +26,7 @@ def i2c_adapters() -> dict[int, str]:
 
 
 def i2c_parent(number: int) -> str | None:
-    """The device that an adapter belongs to ("i2c_designware.0", "fe804000.i2c"): it tells adapters of one name apart."""
+    """The device of an adapter ("i2c_designware.0", "fe804000.i2c"): it distinguishes adapters of the same name."""
     for folder in (SYS / "bus/i2c/devices", SYS / "class/i2c-dev"):
         entry = folder / f"i2c-{number}"
         if entry.exists():
@@ -35,7 +35,7 @@ def i2c_parent(number: int) -> str | None:
 
 
 def i2c_number(path: str) -> int | None:
-    """N of the bus that a device file is: by its device number, else by its name or that of what it links to."""
+    """Bus number N of a device file: by its device number, else by its name or that of its link target."""
     try:
         status = Path(path).stat()
         if stat.S_ISCHR(status.st_mode) and os.major(status.st_rdev) == 89:  # I2C_MAJOR
@@ -50,17 +50,17 @@ def i2c_number(path: str) -> int | None:
 
 
 def i2c_driver(bus: int, address: int) -> str | None:
-    """The kernel driver that is bound to a chip; None where there is none."""
+    """The kernel driver bound to a chip; None if there is none."""
     return _link_name(SYS / f"bus/i2c/devices/{bus}-{address:04x}/driver")
 
 
 def serial_latency_file(path: str) -> Path:
-    """Where a USB serial adapter (FTDI) is told how long to hold bytes back."""
+    """The latency timer setting of a USB serial adapter (FTDI)."""
     return SYS / f"bus/usb-serial/devices/{Path(path).resolve().name}/latency_timer"
 
 
 def serial_latency_ms(path: str) -> int | None:
-    """How long a USB serial adapter (FTDI) holds bytes back, milliseconds; None where it has no such setting."""
+    """Latency timer of a USB serial adapter (FTDI), milliseconds; None if it has no such setting."""
     for file in (
         serial_latency_file(path),
         SYS / f"class/tty/{Path(path).resolve().name}/device/latency_timer",

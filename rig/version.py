@@ -1,4 +1,4 @@
-"""Which skyfix this is."""
+"""The version of skyfix."""
 
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version

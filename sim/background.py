@@ -1,4 +1,4 @@
-"""Something that runs beside the rest for as long as a context lasts."""
+"""Runs a function in a background thread while a context lasts."""
 
 import threading
 from collections.abc import Callable, Iterator
@@ -7,7 +7,9 @@ from contextlib import contextmanager
 
 @contextmanager
 def in_background(run: Callable[[threading.Event], None], name: str) -> Iterator[None]:
-    """Run in a thread of that name; ``run`` is given an event that is set when the context ends, and returns then."""
+    """Run ``run`` in a thread of that name; it gets an event that is set at the end of the context, and must then
+    return.
+    """
     stop = threading.Event()
     thread = threading.Thread(target=run, args=(stop,), name=name, daemon=True)
     thread.start()

@@ -1,7 +1,6 @@
-"""What the simulator's commands are given in JSON and TOML, read as the rest of skyfix reads it.
+"""Reads JSON and TOML input of the simulator's commands with skyfix's common reader.
 
-The worlds and devices that ``sim`` makes owe nothing to the code under test. How a script or a log is parsed is no part of
-them.
+Worlds and devices of ``sim`` share no code with what they test; parsing of scripts and logs is not part of them.
 """
 
 from pathlib import Path
@@ -10,11 +9,11 @@ from typing import Any
 from localizer.documents import DocumentError, json_values, read_file, read_json, read_toml
 from sim.errors import SimulationError
 
-MOST_LOG_BYTES = 256_000_000
+MAX_LOG_BYTES = 256_000_000
 
 
 def toml_file(what: str, path: Path) -> dict[str, Any]:
-    """The tables of a file; ``what`` it is stands before its name. Raises ``SimulationError``."""
+    """The tables of a TOML file; ``what`` describes it in errors. Raises ``SimulationError``."""
     try:
         return read_toml(path, dotted=True)
     except OSError as error:
@@ -40,7 +39,7 @@ def json_file(what: str, path: Path) -> Any:
 def log_lines(path: Path) -> list[bytes]:
     """The lines of a log of ``rig record``. Raises ``SimulationError``."""
     try:
-        return read_file(path, MOST_LOG_BYTES).splitlines()
+        return read_file(path, MAX_LOG_BYTES).splitlines()
     except OSError as error:
         raise SimulationError(f"log {path}: {error.strerror or error}; name a readable file") from error
     except DocumentError as error:
@@ -48,7 +47,7 @@ def log_lines(path: Path) -> list[bytes]:
 
 
 def values_of(content: bytes | str) -> Any:
-    """The values of a JSON document. Raises ``SimulationError``, whose message goes on after the document's name."""
+    """The values of a JSON document. Raises ``SimulationError``, whose message continues the document's name."""
     try:
         return json_values(content)
     except DocumentError as error:

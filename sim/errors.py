@@ -1,9 +1,9 @@
-"""What can go wrong while a world is made."""
+"""Errors of the simulator."""
 
 
 class SimulationError(Exception):
     """An expected failure of the simulator. Its message is one line: what is wrong, where, and what to do.
 
-    The data that the simulator makes must owe nothing to the code under test, so this is no subclass of the
-    other packages' error; ``sim``'s command line turns the one into the other.
+    The simulator shares no code with what it tests, so this is no subclass of the other packages' errors; ``sim``'s
+    command line converts it.
     """

@@ -17,7 +17,7 @@ OWN = {
     "rig/daemon/odometry/receiver.py": "the state that it has stored itself",
     "rig/commands/capture.py": "a fix of its own",
     "sim/commands/demo.py": "a fix of its own, and what its own command prints",
-    "sim/rigs/rigs.py": "what its own command prints",
+    "sim/rigs/calibration_trial.py": "what its own command prints",
     "sim/evaluate/table.py": "its own settings",
 }
 """Files that parse what does not come from outside, and what that is."""

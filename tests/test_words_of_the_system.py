@@ -13,13 +13,13 @@ import serial
 from localizer.bundle import BundleError, load_bundle
 from localizer.dem.lattice import DemError, load_dem
 from localizer.os_errors import meant_instead, why_not_read, why_not_written
-from rig.commands.bundle_look import loaded
+from rig.commands.bundle_inspect import loaded
 from rig.config.load import load_config
 from rig.daemon.control import ask
-from rig.daemon.listening import bound_udp, why_not_listening
 from rig.daemon.publish.mavlink_link import why_no_link
 from rig.daemon.publish.tcp_broadcast import TcpBroadcast
-from rig.daemon.spool.spool import _remedy
+from rig.daemon.sockets import bound_udp, why_not_listening
+from rig.daemon.spool.store import _remedy
 from rig.devices.bus.serial_port import SerialPort
 from rig.errors import ConfigError, DeviceError, RigError
 

@@ -1,7 +1,7 @@
-"""An accelerometer's own errors and how it sits in the head, and how to take both out of its readings.
+"""Correction of an accelerometer: zero error, scale, temperature drift and mounting.
 
-A chip at rest measures ``zero + drift * (T - T0) + scale * (R^T up)``, all in the head's axes: zero error and drift with
-temperature per axis, an error of scale per axis, and R, the small turn by which the chip sits askew.
+A stationary chip measures ``zero + drift * (T - T0) + scale * (R^T up)`` in the head's axes: zero error and temperature
+drift per axis, scale error per axis, and the small mounting rotation R.
 """
 
 import math
@@ -17,7 +17,7 @@ Triple = tuple[float, float, float]
 
 
 class AccelerometerKeys(Protocol):
-    """[inclinometer] of the configuration, as far as it corrects readings."""
+    """The keys of [inclinometer] that correct readings."""
 
     @property
     def zero_mg(self) -> Triple: ...
@@ -33,7 +33,7 @@ class AccelerometerKeys(Protocol):
 
 @dataclass(frozen=True)
 class AccelerometerCorrection:
-    """``mounting_deg`` is a rotation vector (right, forward, up) that turns what the chip measures into the head's axes."""
+    """``mounting_deg`` is a rotation vector (right, forward, up) from the chip's measured axes to the head's axes."""
 
     zero_mg: Triple = (0.0, 0.0, 0.0)
     scale: Triple = (1.0, 1.0, 1.0)
@@ -43,7 +43,7 @@ class AccelerometerCorrection:
 
     @classmethod
     def from_section(cls, section: AccelerometerKeys) -> "AccelerometerCorrection":
-        """What a configuration says."""
+        """The correction of a configuration."""
         return cls(
             section.zero_mg,
             section.scale,
@@ -53,9 +53,9 @@ class AccelerometerCorrection:
         )
 
     def up_in_head(self, measured_g: Vector, temperature_c: float) -> Vector:
-        """Vectors (n, 3) of a chip in the head's axes without its errors; a NaN z (two-axis chip) is what is left of 1 g.
+        """Corrected vectors (n, 3) in the head's axes. A NaN z (two-axis chip) is replaced so that the length is 1 g.
 
-        Where the two axes alone make 1 g or more, z comes back NaN: that is no gravity.
+        If the two axes alone reach 1 g or more, z stays NaN: that is not gravity.
         """
         warmer_c = temperature_c - self.zero_temperature_c
         if not math.isfinite(warmer_c):  # a chip without a thermometer

@@ -14,7 +14,7 @@ PLAUSIBLE_M = (-500.0, 9000.0)
 
 @dataclass(frozen=True)
 class PressureReference:
-    """The air at a known altitude: pressure, and temperature (None: the standard atmosphere's there)."""
+    """Pressure at a known altitude, and temperature there (None: that of the standard atmosphere)."""
 
     pressure_hpa: float
     altitude_m: float
@@ -40,13 +40,13 @@ def altitude_m(pressure_hpa: float, reference: PressureReference) -> float:
 
 
 def metres_per_hpa(pressure_hpa: float, reference: PressureReference) -> float:
-    """How many metres one hPa makes at this pressure."""
+    """Metres of altitude for one hPa at this pressure."""
     ratio = math.pow(pressure_hpa / reference.pressure_hpa, PRESSURE_EXPONENT)
     return reference.temperature_k / LAPSE_RATE_K_M * PRESSURE_EXPONENT * ratio / pressure_hpa
 
 
 def plausible_altitude_m(pressure_hpa: float, reference: PressureReference, device: str) -> float:
-    """``altitude_m``, or ``DeviceError`` where no ground on Earth lies there."""
+    """``altitude_m``; ``DeviceError`` if no ground on Earth lies there."""
     altitude = altitude_m(pressure_hpa, reference)
     if not PLAUSIBLE_M[0] <= altitude <= PLAUSIBLE_M[1]:
         raise DeviceError(

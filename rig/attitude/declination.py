@@ -1,7 +1,7 @@
-"""Magnetic declination: from the configuration, from the talker itself, or from the World Magnetic Model.
+"""Magnetic declination: from the configuration, from the compass talker, or from the World Magnetic Model.
 
-What a talker sends is a claim: a field that has to hold something often holds 0.0, or what was set years ago and elsewhere.
-Where the place is known, the model knows better.
+A talker's variation is not trusted by itself: the field often holds 0.0, or a value that was set years ago elsewhere.
+If the place is known, the model is better.
 """
 
 from dataclasses import dataclass, field
@@ -15,18 +15,18 @@ from rig.errors import ConfigError
 from rig.fault_notes import note_fault
 
 AGREES_DEG = 2.0
-"""A talker's variation so near the model's at a rough [place] may be as good: another year, another model, rounded."""
+"""A talker's variation within this of the model at a rough [place] may be as good: another year or model, rounded."""
 FILLER_DEG = 0.5
-"""A variation of just 0.0 is taken at its word only where the model has less than this."""
+"""A variation of exactly 0.0 is accepted only if the model's is smaller than this."""
 MODEL_SIGMAS = 3.0
 
 
 @dataclass(frozen=True)
 class Declination:
-    """Magnetic to true north, east positive, and where the number is from.
+    """Magnetic to true north, east positive, and its source.
 
-    ``sigma_deg`` is its own error beyond what every compass is trusted with; ``doubt`` and ``action`` say what was not right
-    with a claim, and what was made of it.
+    ``sigma_deg`` is its error in addition to the compass's configured sigma. ``doubt`` says what was wrong with a
+    talker's value, ``action`` what was used instead.
     """
 
     declination_deg: float
@@ -36,13 +36,13 @@ class Declination:
     action: str = field(default="", compare=False)
 
     def record(self) -> dict[str, Any]:
-        """As JSON values, without what there is nothing to be said of."""
+        """JSON values; fields without content are left out."""
         doubted = {"doubt": self.doubt, "action": self.action} if self.doubt else {}
         unsure = {"sigma_deg": self.sigma_deg} if self.sigma_deg else {}
         return {"declination_deg": self.declination_deg, "source": self.source, **unsure, **doubted}
 
     def note(self) -> None:
-        """Note the doubt as a fault that was overcome, where there is one."""
+        """Note the doubt, if any, as a recovered fault."""
         if self.doubt:
             note_fault("compass", self.doubt, self.action)
 
@@ -50,9 +50,9 @@ class Declination:
 def declination(
     configured_deg: float | None, sent_deg: float | None, place: Place | None, when: datetime
 ) -> Declination:
-    """The configured declination, else the variation that the talker sends where the magnetic model agrees, else the model's.
+    """The configured declination; else the talker's variation if the magnetic model agrees; else the model's.
 
-    ``ConfigError`` where there is none of the three; a talker's 0.0 is none where no [place] shows that it is meant.
+    ``ConfigError`` if there is none of the three. A talker's 0.0 does not count unless [place] confirms it.
     """
     if configured_deg is not None:
         return Declination(configured_deg, "configuration")

@@ -1,8 +1,7 @@
 """Heading of the base, from a magnetometer or a compass talker on the pan stage, read at several pan angles.
 
-Turning the pan takes the compass through the field. What turns with the compass (hard iron of the pan stage,
-a talker's deviation) is then told from what stays with the Earth. What stays with the vehicle is not told
-from it, and is what ``azimuth_bias_sigma_deg`` is for.
+Turning the pan separates what turns with the compass (hard iron of the pan stage, deviation of a talker) from the
+Earth's field. Iron fixed to the vehicle cannot be separated; ``azimuth_bias_sigma_deg`` covers it.
 """
 
 import math
@@ -21,16 +20,18 @@ from rig.errors import DeviceError
 Vector = NDArray[np.float64]
 
 PLAUSIBLE_FIELD_UT = (15.0, 100.0)  # the Earth's is 22 to 67; iron nearby bends and scales it
-LEAST_HORIZONTAL_UT = 2.0  # below it, near the magnetic poles, a compass points nowhere
+MIN_HORIZONTAL_UT = 2.0  # below it, near the magnetic poles, a compass points nowhere
 TALKER_MISFIT_LIMIT_DEG = 20.0
 ANGLES_FOR_DEVIATION = 4
 SAME_PAN_DEG = 0.2
-"""Readings so near together share the error of the pan's encoder, two ticks wide: they count as one."""
+"""Readings within this angle share the pan encoder's error (two ticks): they count as one."""
 
 
 @dataclass(frozen=True)
 class FieldAtPan:
-    """Mean field (3,) at one pan angle, uT, in the pan stage (x right, y forward, z up), and the mean's noise."""
+    """Mean field (3,) at one pan angle, uT, in the axes of the pan stage (x right, y forward, z up), and the noise of
+    the mean.
+    """
 
     pan_deg: float
     mean_ut: Vector
@@ -39,13 +40,13 @@ class FieldAtPan:
 
 @dataclass(frozen=True)
 class VehicleIron:
-    """What the vehicle adds to the Earth's field B, in base axes: ``soft`` @ B + ``hard_ut``."""
+    """Iron of the vehicle: the field in base axes is ``soft`` @ B + ``hard_ut`` for an Earth's field B."""
 
     hard_ut: Triple = (0.0, 0.0, 0.0)
     soft: tuple[Triple, Triple, Triple] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
     def removed(self, field_ut: Vector) -> Vector:
-        """The Earth's field (3,) out of that in the base."""
+        """The Earth's field (3,) from the field measured in the base."""
         return np.asarray(np.linalg.solve(np.array(self.soft), field_ut - np.array(self.hard_ut)))
 
 
@@ -54,7 +55,7 @@ NO_IRON = VehicleIron()
 
 @dataclass(frozen=True)
 class HeadingsAtPan:
-    """Headings of the pan stage at one pan angle as a talker sent them, degrees."""
+    """Headings of the pan stage at one pan angle, as sent by a talker, degrees."""
 
     pan_deg: float
     headings_deg: tuple[float, ...]
@@ -62,9 +63,9 @@ class HeadingsAtPan:
 
 @dataclass(frozen=True)
 class CompassHeading:
-    """Heading of the base by the compass's own north, and what the readings say about its error.
+    """Heading of the base from the compass's own north, and its consistency.
 
-    ``misfit_deg`` is how far the readings at one pan angle are off what all say together, rms.
+    ``misfit_deg`` is the rms residual of the readings at the pan angles from the common solution.
     """
 
     heading_deg: float
@@ -74,7 +75,7 @@ class CompassHeading:
 
 @dataclass(frozen=True)
 class MagnetometerHeading(CompassHeading):
-    """The same from a magnetometer, with the field of the pan stage in its x and y, and the Earth's, uT."""
+    """Heading from a magnetometer, with the horizontal field of the pan stage and the Earth's field, uT."""
 
     stage_field_ut: tuple[float, float]
     horizontal_ut: float
@@ -83,7 +84,7 @@ class MagnetometerHeading(CompassHeading):
 
 @dataclass(frozen=True)
 class TrueHeading:
-    """Heading of the base from true north; no ``declination`` where the compass gives true headings."""
+    """Heading of the base from true north; ``declination`` is None if the compass gives true headings."""
 
     heading_deg: float
     sigma_deg: float
@@ -95,10 +96,10 @@ def heading_from_field(
 ) -> MagnetometerHeading:
     """Heading from a magnetometer on the pan stage, tilt-compensated by the base's level.
 
-    In stage axes the field is Rz(pan) B + c, with B the Earth's in base axes and c the stage's own: linear in
-    both, so x and y of both come from one least-squares solution. The vertical part of c stays unknown and
-    enters times the slope of the base. The ``vehicle``'s own iron is then taken out of B. ``DeviceError`` where the
-    field cannot be the Earth's.
+    In stage axes the field is Rz(pan) B + c, with B the Earth's field in base axes and c that of the pan stage. Both
+    are linear, so one least-squares solution gives the x and y of both. The vertical part of c stays unknown and enters
+    multiplied by the slope of the base. The ``vehicle``'s iron is then removed from B. ``DeviceError`` if the field
+    cannot be the Earth's.
     """
     means = np.array([field.mean_ut for field in fields])
     measured = means[:, :2].ravel()
@@ -113,14 +114,14 @@ def heading_from_field(
     east, north, up = (float(v) for v in body_rotation(level.attitude(0.0)) @ in_base)
     horizontal_ut = math.hypot(east, north)
     total_ut = math.hypot(horizontal_ut, up)
-    if not PLAUSIBLE_FIELD_UT[0] <= total_ut <= PLAUSIBLE_FIELD_UT[1] or horizontal_ut < LEAST_HORIZONTAL_UT:
+    if not PLAUSIBLE_FIELD_UT[0] <= total_ut <= PLAUSIBLE_FIELD_UT[1] or horizontal_ut < MIN_HORIZONTAL_UT:
         raise DeviceError(
             "compass",
             f"measures {total_ut:.1f} uT, {horizontal_ut:.1f} of it horizontal: not the Earth's field",
             "check [compass] axes and hard_iron_ut, and what iron or magnets are near",
         )
     by_noise_deg = math.degrees(math.sqrt(variances[:2].mean()) / horizontal_ut)
-    # An error of the level turns the vertical field into the horizontal plane.
+    # A level error rotates part of the vertical field into the horizontal plane.
     by_level_deg = level.sigma_deg * abs(up) / horizontal_ut
     return MagnetometerHeading(
         # In axes that are level and have the base's heading, magnetic north lies at minus that heading.
@@ -134,10 +135,10 @@ def heading_from_field(
 
 
 def heading_from_talker(readings: Sequence[HeadingsAtPan], level: BaseLevel) -> CompassHeading:
-    """Heading from a compass that levels itself and sends the heading of its lubber line.
+    """Heading from a tilt-compensated compass that sends the heading of its lubber line.
 
-    With four pan angles or more a deviation that goes as sine and cosine of the heading is solved for; fewer
-    are averaged. ``DeviceError`` where the headings do not turn with the pan.
+    With four or more pan angles the deviation (sine and cosine of the heading) is solved for; with fewer the headings
+    are averaged. ``DeviceError`` if the headings do not follow the pan.
     """
     stage_deg = np.array([circular_mean_deg(reading.headings_deg) for reading in readings])
     ahead_deg = np.array([_azimuth_ahead_deg(level, reading.pan_deg) for reading in readings])
@@ -164,14 +165,14 @@ def heading_from_talker(readings: Sequence[HeadingsAtPan], level: BaseLevel) -> 
 def true_heading(
     heading: CompassHeading, bias_sigma_deg: float, declination: Declination | None
 ) -> TrueHeading:
-    """True heading; its sigma is the configured trust in the compass and the scatter seen, together."""
+    """True heading; its sigma combines the configured sigma of the compass and the observed scatter."""
     to_true_deg = declination.declination_deg if declination else 0.0
     sigma_deg = min(math.hypot(bias_sigma_deg, heading.scatter_deg), 180.0)
     return TrueHeading((heading.heading_deg + to_true_deg) % 360.0, sigma_deg, declination)
 
 
 def distinct_pans(pans_deg: Sequence[float]) -> int:
-    """How many of the angles are apart from the one below."""
+    """Number of distinct angles (more than ``SAME_PAN_DEG`` above the one before)."""
     return 1 + int(np.count_nonzero(np.diff(np.sort(pans_deg)) > SAME_PAN_DEG))
 
 
@@ -188,7 +189,7 @@ def _stage_rows(pan_deg: float) -> Vector:
 
 
 def _azimuth_ahead_deg(level: BaseLevel, pan_deg: float) -> float:
-    """Azimuth of the stage's y axis on a base of heading 0; that of any other heading is so much more."""
+    """Azimuth of the pan stage's y axis if the base's heading is 0; add the base's heading to it."""
     ahead = pan_stage_rotation(level.attitude(0.0), pan_deg)[:, 1]
     return math.degrees(math.atan2(ahead[0], ahead[1]))
 
@@ -199,7 +200,7 @@ def _noise_of_mean_deg(headings_deg: tuple[float, ...]) -> float:
 
 
 def _deviation(residuals: Vector, freedom: int) -> float:
-    """Standard deviation of residuals with so many degrees of freedom."""
+    """Standard deviation of residuals for a number of degrees of freedom."""
     return math.sqrt(float(residuals @ residuals) / max(freedom, 1))
 
 

@@ -1,4 +1,4 @@
-"""One kinematic model of the head: base attitude, pan and tilt to the camera's rotation, and back.
+"""Kinematic model of the head: from base attitude, pan and tilt to the camera's rotation, and back.
 
 World axes are east, north, up. Base, pan stage and head have x right, y forward, z up; the camera has
 OpenCV's axes (x right, y down, z along the optical axis). A rotation matrix has the body's axes as its
@@ -32,7 +32,7 @@ class Attitude:
 
 @dataclass(frozen=True)
 class JointAngles:
-    """The two angles of the head."""
+    """Pan and tilt of the head."""
 
     pan_deg: float
     tilt_deg: float
@@ -40,7 +40,7 @@ class JointAngles:
 
 @dataclass(frozen=True)
 class Head:
-    """What is fixed: how far the head turns, and how the camera sits in it (``boresight``, in head axes)."""
+    """The head's constants: joint ranges, keep-out zones, and the camera's orientation in head axes (``boresight``)."""
 
     pan_range_deg: tuple[float, float]
     tilt_range_deg: tuple[float, float]
@@ -85,7 +85,7 @@ def camera_attitude(rotation: Rotation) -> Attitude:
 
 
 def pan_stage_rotation(base: Attitude, pan_deg: float) -> Rotation:
-    """Axes of the pan stage in the world: what turns with pan, not with tilt."""
+    """Axes of the pan stage in the world: it turns with pan, not with tilt."""
     p = np.radians(pan_deg)
     pan = np.array([[np.cos(p), np.sin(p), 0.0], [-np.sin(p), np.cos(p), 0.0], [0.0, 0.0, 1.0]])
     return np.asarray(body_rotation(base) @ pan)
@@ -99,21 +99,21 @@ def head_rotation(base: Attitude, joints: JointAngles) -> Rotation:
 
 
 def camera_rotation(head_in_world: Rotation, boresight: Attitude) -> Rotation:
-    """Camera to world, for a camera that sits in the head turned by ``boresight``."""
+    """Camera to world, for a camera mounted in the head with this ``boresight``."""
     return np.asarray(head_in_world @ _camera_in_head(boresight))
 
 
 def camera_pointing(base: Attitude, joints: JointAngles, boresight: Attitude) -> Attitude:
-    """Where the camera looks, by the joints alone."""
+    """Camera attitude from the joint angles alone."""
     return camera_attitude(camera_rotation(head_rotation(base, joints), boresight))
 
 
 def measured_pointing(
     base: Attitude, joints: JointAngles, head_tilt_deg: float, head_roll_deg: float, boresight: Attitude
 ) -> Attitude:
-    """Where the camera looks: azimuth by base and joints, tilt and roll by the inclinometer in the head.
+    """Camera attitude: azimuth from base and joints, tilt and roll from the inclinometer in the head.
 
-    The inclinometer sees what the joints do not: play in the gears, the mast bending, the vehicle settling.
+    The inclinometer also measures what the joints do not: gear backlash, bending of the mast, settling of the vehicle.
     """
     azimuth_deg = body_attitude(head_rotation(base, joints)).azimuth_deg
     head = body_rotation(Attitude(azimuth_deg, head_tilt_deg, head_roll_deg))
@@ -123,13 +123,13 @@ def measured_pointing(
 def joints_for(azimuth_deg: float, tilt_deg: float, base: Attitude, head: Head) -> JointAngles:
     """Joint angles at which the optical axis has this true azimuth and tilt.
 
-    ``GoalError`` where the head cannot turn there: the limits or a keep-out zone do not allow it, or no joint angles
-    exist (close to the pan axis of a camera that sits askew).
+    ``GoalError`` if the head cannot reach it: outside the limits, in a keep-out zone, or without a solution (close to
+    the pan axis, for a camera with a large boresight).
     """
     goal = f"azimuth {azimuth_deg % 360.0:.1f}, tilt {tilt_deg:.1f} deg"
     wanted = body_rotation(base).T @ camera_to_world(azimuth_deg, tilt_deg, 0.0)[:, 2]
     axis = _camera_in_head(head.boresight)[:, 2]
-    # Rx(tilt) turns the axis in the y-z plane up to the wanted height, then Rz(-pan) turns it round.
+    # Rx(tilt) brings the axis to the wanted elevation in the y-z plane, then Rz(-pan) to the wanted azimuth.
     reach = np.hypot(axis[1], axis[2])
     if abs(wanted[2]) > reach:
         raise GoalError(f"{goal}: too close to the pan axis for this head; ask for a lower tilt")

@@ -1,7 +1,7 @@
-"""From accelerometer readings to tilt and roll of the head, and to the attitude of the base it stands on.
+"""From accelerometer readings to tilt and roll of the head, and to the attitude of the base.
 
-An accelerometer at rest measures +1 g along the axis that points up. In the head frame (x right, y forward,
-z up) that gives tilt = asin(y) and roll = atan2(-x, z).
+A stationary accelerometer measures +1 g along the axis that points up. In the head frame (x right, y forward, z up):
+tilt = asin(y), roll = atan2(-x, z).
 """
 
 import math
@@ -18,7 +18,8 @@ from rig.errors import DeviceError
 
 Vector = NDArray[np.float64]
 
-# Enough groups for the median to outvote a gust or a slammed door, few enough that each averages well.
+# Enough groups for a median that is robust against a gust or a slammed door, few enough that each averages
+# well.
 MEDIAN_GROUPS = 9
 MEDIAN_EFFICIENCY = 1.2533  # standard error of a median in those of a mean, for normal errors
 PLAUSIBLE_G = (0.9, 1.1)
@@ -42,10 +43,10 @@ class Acceleration(Protocol):
 
 @dataclass(frozen=True)
 class HeadLevel:
-    """Tilt and roll of the head by the inclinometer over some seconds.
+    """Tilt and roll of the head from the inclinometer, averaged over some seconds.
 
-    ``mean_g`` is the average in head axes as the chip gave it, tilt and roll are without its errors; the noise is that of
-    the average, from the scatter.
+    ``mean_g`` is the uncorrected average in head axes; tilt and roll are corrected. The noise is that of the average,
+    from the scatter.
     """
 
     mean_g: tuple[float, float, float]
@@ -59,7 +60,7 @@ class HeadLevel:
 
 @dataclass(frozen=True)
 class LevelReading:
-    """What the head read at one position of the joints."""
+    """Tilt and roll read at one position of the joints."""
 
     joints: JointAngles
     level: HeadLevel
@@ -67,7 +68,7 @@ class LevelReading:
 
 @dataclass(frozen=True)
 class LevelSigmas:
-    """What is known beforehand: noise of a reading, of the inclinometer's zero, and of the tilt joint."""
+    """Prior sigmas: noise of a reading, zero error of the inclinometer, and tilt joint."""
 
     tilt_deg: float
     roll_deg: float
@@ -77,9 +78,9 @@ class LevelSigmas:
 
 @dataclass(frozen=True)
 class BaseLevel:
-    """How the base stands, and the inclinometer's zero error (to be subtracted from what it reads).
+    """Attitude of the base, and the zero error of the inclinometer (to be subtracted from its readings).
 
-    ``residual_deg`` is the rms misfit of the roll readings, which no joint disturbs.
+    ``residual_deg`` is the rms residual of the roll readings, which no joint error affects.
     """
 
     pitch_deg: float
@@ -92,7 +93,7 @@ class BaseLevel:
     residual_deg: float
 
     def attitude(self, heading_deg: float) -> Attitude:
-        """The base with a heading."""
+        """Attitude of the base for a given heading."""
         return Attitude(heading_deg, self.pitch_deg, self.roll_deg)
 
 
@@ -109,10 +110,10 @@ def head_level(
     device: str,
     correction: AccelerometerCorrection = NO_CORRECTION,
 ) -> HeadLevel:
-    """Average of accelerometer samples, robust against a few taken while something shook the mast.
+    """Average of accelerometer samples, robust against a few taken while the mast was shaken.
 
-    A two-axis chip's missing z is what is left of 1 g. ``DeviceError`` where that cannot be gravity, or where a drift is known
-    and the temperature (NaN) is not.
+    For a two-axis chip z follows from a length of 1 g. ``DeviceError`` if that cannot be gravity, or if a temperature
+    drift is configured and the temperature (NaN) is unknown.
     """
     chip = np.array([[s.x_g, s.y_g, np.nan if s.z_g is None else s.z_g] for s in samples], float)
     told_c = [s.temperature_c for s in samples if math.isfinite(s.temperature_c)]
@@ -155,7 +156,7 @@ def _means(vectors: Vector) -> Vector:
 
 
 def tilt_roll_deg(up: Vector) -> tuple[Vector, Vector]:
-    """Tilt and roll of a head that sees ``up`` (..., 3) of any length in its axes."""
+    """Tilt and roll of a head in whose axes up is ``up`` (..., 3), of any length."""
     x, y, z = up[..., 0], up[..., 1], up[..., 2]
     return np.degrees(np.arcsin(y / np.linalg.norm(up, axis=-1))), np.degrees(np.arctan2(-x, z))
 
@@ -163,10 +164,10 @@ def tilt_roll_deg(up: Vector) -> tuple[Vector, Vector]:
 def base_level(readings: Sequence[LevelReading], sigmas: LevelSigmas) -> BaseLevel:
     """Attitude of the base and zero error of the inclinometer from readings at several pan angles.
 
-    Turning the pan turns the base's slope round in the head, while the zero error turns with the head: that
-    tells them apart. The zero error in tilt cannot be told from one of the tilt joint (zero tick, play), so
-    the two share it as their sigmas say; the zero error in roll is measured outright. ``DeviceError`` where
-    the readings fit no single attitude. (Least squares.)
+    Turning the pan rotates the base's slope in head axes, while the zero error stays fixed to the head: this separates
+    them. A zero error in tilt cannot be separated from an error of the tilt joint (zero tick, backlash): the two share
+    it according to their sigmas. A zero error in roll is measured directly. ``DeviceError`` if no single attitude fits
+    the readings. (Least squares.)
     """
     measured = np.array([[r.level.tilt_deg, r.level.roll_deg] for r in readings])
     reading_sigmas = np.array([np.hypot(sigmas.tilt_deg, sigmas.joint_deg), sigmas.roll_deg])
@@ -209,9 +210,9 @@ def base_level(readings: Sequence[LevelReading], sigmas: LevelSigmas) -> BaseLev
 
 
 def _least_squares(misfit: Callable[[Vector], Vector], start: Vector) -> tuple[Vector, Vector]:
-    """Where the sum of squares of ``misfit`` is least, and the covariance there, by Gauss and Newton.
+    """Minimum of the sum of squares of ``misfit`` and the covariance there (Gauss-Newton).
 
-    For what is close to linear in its unknowns, as angles of a few degrees are.
+    For nearly linear problems, such as angles of a few degrees.
     """
     at = start
     for _ in range(ITERATIONS):

@@ -1,4 +1,4 @@
-"""The Earth's magnetic field at a place and time, by the World Magnetic Model."""
+"""The Earth's magnetic field at a place and time from the World Magnetic Model."""
 
 from dataclasses import dataclass
 from datetime import MAXYEAR, UTC, datetime
@@ -12,8 +12,8 @@ from rig.config.sections import Place
 class ModelField:
     """Horizontal and downward strength, uT, declination (east positive), and the model's own sigma of that.
 
-    ``problem`` says why the date that was asked for could not be taken, None where it could; ``date_sigma_deg`` is what the
-    declination changes while the model lasts, where the date is not known.
+    ``problem`` says why the requested date could not be used (None: it was). ``date_sigma_deg`` is the change of
+    declination over the model's validity, if the date is unknown.
     """
 
     horizontal_ut: float
@@ -25,7 +25,7 @@ class ModelField:
 
 
 def model_field(place: Place, when: datetime) -> ModelField:
-    """The field at a place; outside the years that the model is good for, that of the nearest of its dates."""
+    """The field at a place; outside the model's validity, that of the nearest valid date."""
     model = GeoMag()
     first, last = model.life_span
     year = _decimal_year(when)
@@ -46,7 +46,7 @@ def model_field(place: Place, when: datetime) -> ModelField:
 
 
 def date_problem(when: datetime) -> str | None:
-    """Why the model has nothing for a date, in words for people; None where it has."""
+    """Why a date is outside the model's validity; None if it is inside."""
     first, last = GeoMag().life_span
     if first <= _decimal_year(when) <= last:
         return None

@@ -1,7 +1,7 @@
-"""Headings of talkers as true ones: whose claim about north, variation and deviation holds, and which sentence is believed.
+"""True headings from compass talkers: which north, variation and deviation are believed, and which sentence.
 
-A talker's fields are claims. The rig knows better: the World Magnetic Model at [place], the other sentences of the same talker,
-and that a compass's deviation changes as the head turns.
+A talker's fields may be wrong. They are checked against the World Magnetic Model at [place], the other sentences of the
+same talker, and the change of a real deviation with the pan angle.
 """
 
 import itertools
@@ -23,13 +23,13 @@ from rig.errors import DeviceError
 from rig.fault_notes import collecting, note_fault
 
 SAME_DEVIATION_DEG = 0.15
-LEAST_VARIATION_DEG = 1.0
-"""A smaller one in the wrong field does no harm that matters, and cannot be told from a deviation."""
+MIN_VARIATION_DEG = 1.0
+"""A smaller variation in the wrong field does no significant harm and cannot be distinguished from a deviation."""
 SOURCES_AGREE_DEG = 5.0
 NORTHS_AGREE_DEG = 2.0
 SAME_HEADING_DEG = 0.5
 APART_DEG = 3.0
-"""A compass's deviation changes by so much from one pan angle to another, and the vehicle's slope turns a heading by it."""
+"""Change of a compass's deviation from one pan angle to another; a slope of the vehicle changes a heading by as much."""
 ESTIMATED_SIGMA_DEG = 5.0
 MUCH_FINER = 1.5
 
@@ -40,7 +40,7 @@ class PanAngle(Protocol):
 
 
 class ReadStop(Protocol):
-    """A stop of the head, as far as it matters here."""
+    """The part of a stop of the head that is used here."""
 
     @property
     def joints(self) -> PanAngle: ...
@@ -52,9 +52,9 @@ class ReadStop(Protocol):
 
 @dataclass(frozen=True)
 class TrueHeadings:
-    """Headings from true north at each pan angle; ``declination`` where they were magnetic.
+    """True headings at each pan angle; ``declination`` if the talker's headings were magnetic.
 
-    ``sigma_deg`` is common to all: resolution, what the declination may be off, and dead reckoning.
+    ``sigma_deg`` is common to all: resolution, error of the declination, and dead reckoning.
     """
 
     at_pans: list[HeadingsAtPan]
@@ -65,9 +65,9 @@ class TrueHeadings:
 def true_headings(
     stops: Sequence[ReadStop], section: NmeaCompassSection, place: Place | None
 ) -> TrueHeadings:
-    """What the talker's headings come to.
+    """The true headings from what the talker sent.
 
-    ``ConfigError`` where they are magnetic and there is no declination, ``DeviceError`` where two sentences do not agree.
+    ``ConfigError`` if they are magnetic and there is no declination, ``DeviceError`` if two sentences disagree.
     """
     read = [stop for stop in stops if stop.headings]
     raw = [list(stop.headings) for stop in read]
@@ -101,8 +101,8 @@ def true_headings(
 
 
 @dataclass(frozen=True)
-class _Here:
-    """One stop, without turning the head."""
+class _SingleStop:
+    """The readings at the present pan angle only."""
 
     headings: tuple[HeadingReading, ...]
     utc: datetime
@@ -116,9 +116,11 @@ class _Here:
 def heading_doubts(
     headings: Sequence[HeadingReading], section: NmeaCompassSection, place: Place | None
 ) -> list[str]:
-    """What a capture would note about such headings, "PROBLEM: ACTION" each. Raises as ``true_headings`` does."""
+    """The notes that a capture would make about such headings, "PROBLEM: ACTION" each. Raises as ``true_headings``
+    does.
+    """
     with collecting() as faults:
-        true_headings([_Here(tuple(headings), headings[-1].utc)], section, place)
+        true_headings([_SingleStop(tuple(headings), headings[-1].utc)], section, place)
     return [f"{note.problem}: {note.action}" for note in faults.all() if note.device == "compass"]
 
 
@@ -131,10 +133,10 @@ def _true_deg(reading: HeadingReading, used: Mapping[float | None, Declination])
 def _declinations(
     raw: Sequence[Sequence[HeadingReading]], section: NmeaCompassSection, place: Place | None, when: datetime
 ) -> dict[float | None, Declination]:
-    """For each variation that is sent. A true heading needs none."""
+    """The declination for each variation that is sent. True headings need none."""
     sent = {each.variation_deg for headings in raw for each in headings if each.reference == "magnetic"}
     known = next((each for each in sorted(filter(None, sent))), None)
-    # HDM beside HDG is of the same compass: what the one leaves out, the other says.
+    # HDM and HDG come from the same compass: HDG has the variation that HDM lacks.
     return {
         each: declination(section.declination_deg, known if each is None else each, place, when)
         for each in sent
@@ -151,10 +153,10 @@ def _by_source(headings: Sequence[HeadingReading]) -> dict[str, list[HeadingRead
 def _without_misplaced_variation(
     raw: list[list[HeadingReading]], section: NmeaCompassSection, place: Place | None, when: datetime
 ) -> list[list[HeadingReading]]:
-    """A deviation that is the variation is no deviation, and would be added twice.
+    """Remove a deviation field that holds the variation: it would be added twice.
 
-    A compass's deviation goes as sine and cosine of its heading: one that stays the same all around the pan, and is just what
-    the declination is, stands in the wrong field.
+    A real deviation varies as sine and cosine of the heading. One that is constant over all pan angles and equals the
+    declination is in the wrong field.
     """
     found = [each for headings in raw for each in headings if each.deviation_deg]
     if len(raw) < 2 or not found:
@@ -164,7 +166,7 @@ def _without_misplaced_variation(
     everywhere = all(
         each.deviation_deg for headings in raw for each in headings if each.source == found[0].source
     )
-    if np.ptp(deviations) > SAME_DEVIATION_DEG or abs(deviation_deg) < LEAST_VARIATION_DEG or not everywhere:
+    if np.ptp(deviations) > SAME_DEVIATION_DEG or abs(deviation_deg) < MIN_VARIATION_DEG or not everywhere:
         return raw
     twice = all(each.variation_deg == each.deviation_deg for each in found)
     known_deg = section.declination_deg
@@ -194,19 +196,19 @@ def _without_misplaced_variation(
 def _without_false_north(
     raw: list[list[HeadingReading]], pans_deg: Sequence[float], used: Mapping[float | None, Declination]
 ) -> list[list[HeadingReading]]:
-    """Without the true headings of a talker that also sends magnetic ones, where they are the same, or by another variation."""
+    """Drop "true" headings that equal the magnetic ones of the same talker, or differ by a wrong variation."""
     false: set[str] = set()
     norths = {each.source: each for headings in raw for each in headings}
     means = _means(raw, pans_deg, lambda each: each.heading_deg)
     for true_source, source in itertools.product(norths, norths):
         if (norths[true_source].reference, norths[source].reference) != ("true", "magnetic"):
             continue
-        turned = _ahead(means, true_source, source)
+        turned = _heading_difference(means, true_source, source)
         if turned is None or true_source[:2] != source[:2]:
             continue
         north_deg = used[norths[source].variation_deg].declination_deg
         is_same = abs(turned.by_deg) <= SAME_HEADING_DEG + turned.loose_deg
-        agree_deg = (LEAST_VARIATION_DEG if is_same else NORTHS_AGREE_DEG) + turned.loose_deg
+        agree_deg = (MIN_VARIATION_DEG if is_same else NORTHS_AGREE_DEG) + turned.loose_deg
         if abs(wrapped_deg(turned.by_deg - north_deg)) <= agree_deg:
             continue
         what = (
@@ -220,8 +222,8 @@ def _without_false_north(
 
 
 @dataclass(frozen=True)
-class _Ahead:
-    """By how much one source is ahead of another, and how loosely that is known."""
+class _HeadingDifference:
+    """Mean difference of two sources, and its uncertainty."""
 
     by_deg: float
     loose_deg: float
@@ -245,22 +247,28 @@ def _means(
     ]
 
 
-def _ahead(means: Sequence[tuple[float, Mapping[str, float]]], source: str, other: str) -> _Ahead | None:
-    """On the mean of the stops that have both; where none has, as slow talkers take turns, of what each says of the bow."""
+def _heading_difference(
+    means: Sequence[tuple[float, Mapping[str, float]]], source: str, other: str
+) -> _HeadingDifference | None:
+    """Over the stops that have both. If none has both (slow talkers take turns), from the heading of the bow that each
+    implies.
+    """
     together = [here[source] - here[other] for _, here in means if source in here and other in here]
     if together:
-        return _Ahead(wrapped_deg(circular_mean_deg(together)), 0.0)
+        return _HeadingDifference(wrapped_deg(circular_mean_deg(together)), 0.0)
     of_bow = [[here[name] - pan_deg for pan_deg, here in means if name in here] for name in (source, other)]
     if not all(of_bow):
         return None
-    return _Ahead(wrapped_deg(circular_mean_deg(of_bow[0]) - circular_mean_deg(of_bow[1])), APART_DEG)
+    return _HeadingDifference(
+        wrapped_deg(circular_mean_deg(of_bow[0]) - circular_mean_deg(of_bow[1])), APART_DEG
+    )
 
 
 def _require_agreement(means: Sequence[tuple[float, Mapping[str, float]]]) -> None:
-    """Raise ``DeviceError`` where two sources differ by more than compasses beside each other do."""
+    """Raise ``DeviceError`` if two sources differ by more than two compasses on one mast do."""
     sources = sorted({source for _, here in means for source in here})
     for first, second in itertools.combinations(sources, 2):
-        ahead = _ahead(means, second, first)
+        ahead = _heading_difference(means, second, first)
         if ahead and abs(ahead.by_deg) > SOURCES_AGREE_DEG + ahead.loose_deg:
             raise DeviceError(
                 "compass",
@@ -270,7 +278,7 @@ def _require_agreement(means: Sequence[tuple[float, Mapping[str, float]]]) -> No
 
 
 def _finest(raw: list[list[HeadingReading]]) -> list[list[HeadingReading]]:
-    """Without sources that are much coarser than the finest one: a mean of both is no better than the coarse one."""
+    """Drop sources with a much coarser resolution than the finest: averaging them in makes it worse."""
     steps: dict[str, float] = {}
     for headings in raw:
         for each in headings:

@@ -1,27 +1,27 @@
-"""Whether inclinometer and tilt servo agree by how far the head has tilted.
+"""Consistency check of inclinometer and tilt servo.
 
-Between them lies play in the gear, a degree or two. A factor is another thing: a chip whose counts mean more than its identity
-says, or axes that are confused. The level of the vehicle is then wrong by that factor, too.
+Gear backlash explains a difference of a degree or two. A factor means a chip with another scale than its identity says,
+or exchanged axes; the base level is then wrong by the same factor.
 """
 
 from rig.attitude.kinematics import Attitude, JointAngles, body_attitude, head_rotation
 from rig.errors import DeviceError
 
-LEAST_TILT_DEG = 6.0
-MOST_PLAY_DEG = 2.0
-MOST_PLAY_SHARE = 0.25
+MIN_TILT_DEG = 6.0
+MAX_PLAY_DEG = 2.0
+MAX_PLAY_SHARE = 0.25
 
 
 def require_agreement(base: Attitude, joints: JointAngles, measured_tilt_deg: float, device: str) -> None:
-    """Raise ``DeviceError`` where a head at ``joints`` is not tilted by what it is against tilt 0, as far as that can be told.
+    """Raise ``DeviceError`` if the tilt measured at ``joints`` differs by more than backlash from that of the joints.
 
-    ``measured_tilt_deg`` is the inclinometer's, without its zero error; ``base`` was measured by it at tilt 0.
+    ``measured_tilt_deg`` is the inclinometer's, zero error removed; ``base`` was measured by it at tilt 0.
     """
     level_deg = body_attitude(head_rotation(base, JointAngles(joints.pan_deg, 0.0))).tilt_deg
     expected_deg = body_attitude(head_rotation(base, joints)).tilt_deg - level_deg
     change_deg = measured_tilt_deg - level_deg
-    tolerance_deg = max(MOST_PLAY_DEG, MOST_PLAY_SHARE * abs(expected_deg))
-    if abs(expected_deg) < LEAST_TILT_DEG or abs(change_deg - expected_deg) <= tolerance_deg:
+    tolerance_deg = max(MAX_PLAY_DEG, MAX_PLAY_SHARE * abs(expected_deg))
+    if abs(expected_deg) < MIN_TILT_DEG or abs(change_deg - expected_deg) <= tolerance_deg:
         return
     raise DeviceError(
         device,

@@ -1,7 +1,8 @@
-"""Bundles in one archive file, to carry home and to hand on: written beside its name, read back, and renamed.
+"""Writes bundles into one archive file: under a temporary name, read back, then renamed.
 
-A .tar (pictures are compressed already), .tar.gz or .zip with a folder for each bundle, named by its id, ``index.csv`` with a
-row for each frame, and ``SHA256SUMS`` of every file, so that ``sha256sum -c SHA256SUMS`` checks it without this program.
+The archive is a .tar (pictures are already compressed), .tar.gz or .zip. It has a folder for each bundle, named by its
+id, ``index.csv`` with a row for each frame, and ``SHA256SUMS`` of all files, so that ``sha256sum -c SHA256SUMS`` checks
+it without this program.
 """
 
 import csv
@@ -20,10 +21,10 @@ from typing import IO, Protocol
 
 from localizer.bundle import FILE_NAME, Bundle
 from rig.atomic import sync
-from rig.bundle.facts import TABLE_COLUMNS, table_rows
 from rig.bundle.limits import ArchiveError
+from rig.bundle.summary import TABLE_COLUMNS, table_rows
 from rig.bundle.unpack import SUMS_NAME, bundles_of_archive, unpack_archive
-from rig.bundle.writer import LEAST_FREE_BYTES, existing_part
+from rig.bundle.writer import MIN_FREE_BYTES, existing_part
 
 __all__ = ["ArchiveError", "bundles_of_archive", "is_archive", "unpack_archive", "write_archive"]
 
@@ -38,15 +39,15 @@ class _Writer(Protocol):
 
 
 def is_archive(path: Path) -> bool:
-    """Whether a path is to be taken for an archive: a file, named as one."""
+    """Whether a path is an archive: a file with an archive's suffix."""
     return path.name.lower().endswith(SUFFIXES) and not path.is_dir()
 
 
 def write_archive(path: Path, bundles: Sequence[Bundle]) -> None:
-    """Write whole bundles into a new archive and check what has been written, to the last byte.
+    """Write bundles into a new archive, then read it back to the last byte and compare.
 
-    ``ArchiveError`` where the name says no format or is taken, two bundles have one id, the disk refuses, or what can be read
-    back is not what went in; nothing is left behind then.
+    ``ArchiveError`` if the name has no known suffix or exists, two bundles have the same id, the disk refuses, or the
+    archive read back differs. Nothing is left behind then.
     """
     if not path.name.lower().endswith(SUFFIXES):
         raise ArchiveError(f"{path}: no archive format; name it {', '.join(SUFFIXES)}")
@@ -66,7 +67,7 @@ def write_archive(path: Path, bundles: Sequence[Bundle]) -> None:
             os.fsync(file.fileno())
             os.posix_fadvise(
                 file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED
-            )  # read the disk, not the memory, below
+            )  # drop the page cache, so that the check reads the disk
         for _ in bundles_of_archive(partial, sums):
             pass
         partial.rename(path)
@@ -138,7 +139,7 @@ def _require_space(path: Path, bundles: Sequence[Bundle]) -> None:
         for bundle in bundles
         for name in (FILE_NAME, *(f.file for f in bundle.frames))
     ]
-    needed = sum(file.stat().st_size + 1024 for file in files) + LEAST_FREE_BYTES
+    needed = sum(file.stat().st_size + 1024 for file in files) + MIN_FREE_BYTES
     free = shutil.disk_usage(existing_part(path.parent)).free
     if free < needed:
         raise ArchiveError(

@@ -1,4 +1,4 @@
-"""One picture to look a bundle over in the field: its frames with the skylines found, and what was read."""
+"""Contact sheet of a bundle for a check in the field: its frames with the skylines found, and its readings."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,7 +12,7 @@ from localizer.os_errors import why_not_written
 from localizer.skyline.find import CONFIDENT, ColumnState, Skyline
 from localizer.skyline.upright import Upright, frame_skyline, upright
 from rig.atomic import write_atomically
-from rig.bundle.facts import facts, how_often
+from rig.bundle.summary import bundle_summary, times_text
 from rig.errors import RigError
 
 Image = NDArray[np.uint8]
@@ -43,7 +43,7 @@ def write_preview(path: Path, bundle: Bundle, title: str) -> None:
 
 
 def contact_sheet(bundle: Bundle, title: str) -> Image:
-    """Blue, green, red: a header, then the frames in two columns, each with a line below it."""
+    """BGR image: a header, then the frames in two columns, each with a line of text below."""
     tiles = [_tile(bundle, frame) for frame in bundle.frames]
     columns = min(COLUMNS, len(tiles))
     while len(tiles) % columns:
@@ -74,7 +74,7 @@ def _tile(bundle: Bundle, frame: Frame) -> Image:
 
 
 def _draw(image: Image, skyline: Skyline, turned: Upright, scale: float) -> None:
-    """The skyline over a picture that is ``scale`` times as large: what is relied on in one colour, the rest in another."""
+    """Draw the skyline over a picture scaled by ``scale``: confident columns in one colour, the rest in another."""
     sure = (skyline.state == ColumnState.OK) & (skyline.confidence >= CONFIDENT)
     seen = np.isfinite(skyline.row_px)
     for which, colour in ((seen & ~sure, UNSURE_BGR), (sure, SURE_BGR)):
@@ -89,7 +89,7 @@ def _draw(image: Image, skyline: Skyline, turned: Upright, scale: float) -> None
 
 
 def _header(bundle: Bundle, title: str, width: int) -> Image:
-    found = facts(bundle)
+    found = bundle_summary(bundle)
     known = found["readings"]
     altitude = "no altimeter"
     if bundle.altitude:
@@ -103,7 +103,7 @@ def _header(bundle: Bundle, title: str, width: int) -> Image:
     first = f"{title}  {bundle.id}  {found['rig'] or ''}"
     header = _lines([first, f"{altitude}   {'  '.join(stands)}", biases], width, INK_BGR)
     faults = [
-        f"overcome {how_often(fault['count'])}: {str(fault['device']).split(' on ')[0]}: {fault['problem']}"
+        f"overcome {times_text(fault['count'])}: {str(fault['device']).split(' on ')[0]}: {fault['problem']}"
         for fault in found["faults"][:FAULTS_SHOWN]
     ]
     more = len(found["faults"]) - len(faults)

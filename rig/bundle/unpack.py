@@ -1,7 +1,7 @@
-"""Archives of bundles read: streamed, within limits, checked to the last byte before anything is put in its place.
+"""Reads archives of bundles: streamed, within limits, and checked to the last byte before anything is moved into place.
 
-An archive comes from anywhere. What is in it decides neither where files go nor how much of memory, disk and time they take:
-names are checked before they are used, only what a bundle lists is kept, and nothing follows a link.
+An archive is untrusted input. It must not decide where files go, nor how much memory, disk and time they take: names
+are checked before use, only files that a bundle lists are kept, and links are not followed.
 """
 
 import fcntl
@@ -23,12 +23,12 @@ from typing import IO, Any, cast
 from localizer.bundle import FILE_NAME, MOST_FRAMES, Bundle, BundleError, load_bundle
 from rig.atomic import sync
 from rig.bundle.limits import ArchiveError, Slices, Tally, checked_name, is_plain
-from rig.bundle.writer import LEAST_FREE_BYTES
+from rig.bundle.writer import MIN_FREE_BYTES
 
 SUMS_NAME = "SHA256SUMS"
-MOST_SUMS_BYTES = 8_000_000
+MAX_SUMS_BYTES = 8_000_000
 CHUNK_BYTES = 1 << 18
-MOST_IN_FOLDER = 2 * MOST_FRAMES
+MAX_IN_FOLDER = 2 * MOST_FRAMES
 STAGING = ".import-"
 
 _DAMAGED = (
@@ -38,12 +38,12 @@ _DAMAGED = (
     gzip.BadGzipFile,
     EOFError,
     struct.error,
-    ValueError,  # a name that is no text, a number that is none
+    ValueError,  # an undecodable name or an invalid number
     OverflowError,
     NotImplementedError,
     RecursionError,  # of headers that announce headers
 )
-"""What the libraries raise on content that is not what they expect."""
+"""Exceptions of the libraries on malformed content."""
 
 
 def bundles_of_archive(
@@ -51,31 +51,33 @@ def bundles_of_archive(
     expected: dict[str, str] | None = None,
     *,
     folder: Path | None = None,
-    stray: Callable[[str], None] = lambda name: None,
+    on_unlisted: Callable[[str], None] = lambda name: None,
 ) -> Iterator[Bundle]:
-    """The bundles of an archive, each unpacked and checked: into ``folder``, by default one that goes when the next comes.
+    """The bundles of an archive, each unpacked and checked: into ``folder``, by default a temporary one that is removed
+    before the next.
 
-    Every file is held against ``expected`` (checksums by name), by default against those in the archive, after the last
-    bundle: only then all of them are known to be whole. ``stray`` hears of files that no bundle lists; they are not kept.
+    Every file is compared with ``expected`` (checksums by name), by default with those in the archive. That comparison
+    completes after the last bundle: only then all are known to be intact. ``on_unlisted`` is called with files that no
+    bundle lists; they are not kept.
 
-    ``ArchiveError`` where it is no archive, is cut off or more than it may be, or a checksum is wrong; ``BundleError`` for a
-    bundle that is not valid.
+    ``ArchiveError`` if it is no archive, truncated, beyond a limit, or a checksum is wrong; ``BundleError`` for an
+    invalid bundle.
     """
     with ExitStack() as stack:
         stays = folder is not None
         if folder is None:
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="skyfix-archive-")))
         try:
-            yield from _bundles(path, expected, folder, stays, stray)
+            yield from _bundles(path, expected, folder, stays, on_unlisted)
         except ArchiveError as error:
             raise ArchiveError(f"{path}: {error}") from error
         except BundleError as error:
-            # The folder is gone when this is read.
+            # The folder no longer exists when the message is read.
             raise BundleError(f"{path}: {str(error).removeprefix(f'{folder}/')}") from error
 
 
 def _bundles(
-    path: Path, expected: dict[str, str] | None, folder: Path, stays: bool, stray: Callable[[str], None]
+    path: Path, expected: dict[str, str] | None, folder: Path, stays: bool, on_unlisted: Callable[[str], None]
 ) -> Iterator[Bundle]:
     sums: dict[str, str] | None = None
     seen: dict[str, str] = {}
@@ -85,12 +87,12 @@ def _bundles(
     for name, stream, size in _members(path):
         top = PurePosixPath(name).parts[0]
         if current is not None and top != current:
-            yield _whole(folder / current, stray)
+            yield _whole(folder / current, on_unlisted)
             if not stays:
                 shutil.rmtree(folder / current)
             current = None
         if name == SUMS_NAME:
-            content = _copied(stream, None, min(size, MOST_SUMS_BYTES + 1))[1]
+            content = _copied(stream, None, min(size, MAX_SUMS_BYTES + 1))[1]
             sums = _parsed_sums(content)
         elif name == top:
             seen[name] = _copied(stream, None, 0)[0]
@@ -101,11 +103,11 @@ def _bundles(
                 current, in_folder = top, 0
                 tops.add(top)
             in_folder += 1
-            if in_folder > MOST_IN_FOLDER:
+            if in_folder > MAX_IN_FOLDER:
                 raise ArchiveError(f"its folder {top} holds more files than any bundle")
             seen[name] = _written(folder, name, stream, size)
     if current is not None:
-        yield _whole(folder / current, stray)
+        yield _whole(folder / current, on_unlisted)
     if sums is None:
         raise ArchiveError(f"has no {SUMS_NAME}: it is cut off, or no archive of rig bundle export")
     sums = sums if expected is None else expected
@@ -114,33 +116,34 @@ def _bundles(
         raise ArchiveError(f"{wrong[0]} is missing, was added or has changed ({len(wrong)} files)")
 
 
-def _whole(folder: Path, stray: Callable[[str], None]) -> Bundle:
-    """The bundle in a folder of ours, without what it does not list."""
+def _whole(folder: Path, on_unlisted: Callable[[str], None]) -> Bundle:
+    """The bundle in a folder of ours, after removing files that it does not list."""
     bundle = load_bundle(folder)
     if bundle.id != folder.name:
         raise ArchiveError(f"its folder {folder.name} holds the bundle {bundle.id}; both must have one name")
     listed = {folder / name for name in (FILE_NAME, *(frame.file for frame in bundle.frames))}
-    for path in sorted(folder.rglob("*"), reverse=True):  # what is in a folder before the folder
+    for path in sorted(folder.rglob("*"), reverse=True):  # content before its folder
         if path.is_dir():
             if not any(path.iterdir()):
                 path.rmdir()
         elif path not in listed:
-            stray(f"{folder.name}/{path.relative_to(folder)}")
+            on_unlisted(f"{folder.name}/{path.relative_to(folder)}")
             path.unlink()
     return bundle
 
 
 def unpack_archive(
-    path: Path, out_dir: Path, stray: Callable[[str], None] = lambda name: None
+    path: Path, out_dir: Path, on_unlisted: Callable[[str], None] = lambda name: None
 ) -> list[tuple[Path, bool]]:
-    """Put an archive's bundles into a folder: where each is, and whether it came now or was there already, the same.
+    """Import an archive's bundles into a folder; for each its directory, and whether it is new or was already there,
+    identical.
 
-    All of them or none: everything is unpacked beside, checked and brought to the disk before the first is renamed into its
-    place. ``ArchiveError`` where another bundle, or a link, has its name.
+    All or none: everything is unpacked to a staging folder, checked and fsynced before the first rename.
+    ``ArchiveError`` if a different bundle, or a link, has one of the names.
     """
     try:
         with _made(out_dir), _staging(out_dir) as staging:
-            bundles = list(bundles_of_archive(path, folder=staging, stray=stray))
+            bundles = list(bundles_of_archive(path, folder=staging, on_unlisted=on_unlisted))
             found = [(out_dir / bundle.id, _is_free(out_dir / bundle.id, bundle)) for bundle in bundles]
             new = [place for place, is_new in found if is_new]
             for place in new:
@@ -155,7 +158,7 @@ def unpack_archive(
 
 
 def _is_free(place: Path, bundle: Bundle) -> bool:
-    """Whether a bundle can go there; False where it is there already, the same."""
+    """Whether the destination is free; False if the identical bundle is already there."""
     if place.is_symlink():
         raise ArchiveError(
             f"{place}: is a link, which is not followed; take it away, or choose another --out"
@@ -168,7 +171,7 @@ def _is_free(place: Path, bundle: Bundle) -> bool:
 
 
 def _put(staging: Path, places: list[Path]) -> None:
-    """Rename all into their places; where that is interrupted, all back."""
+    """Rename all into place; if that is interrupted, rename all back."""
     done: list[Path] = []
     try:
         for place in places:
@@ -183,7 +186,7 @@ def _put(staging: Path, places: list[Path]) -> None:
 
 @contextmanager
 def _made(folder: Path) -> Iterator[None]:
-    """The folder, there as long as the context lasts and after it; where that fails, what was made is taken away."""
+    """The folder, made if missing; if the context fails, what was made is removed."""
     new: list[Path] = []
     path = folder
     while not path.exists():
@@ -201,7 +204,7 @@ def _made(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def _staging(out_dir: Path) -> Iterator[Path]:
-    """A new folder beside the bundles, locked while it is used: one that nobody has locked was left by a crash, and goes."""
+    """A new staging folder beside the bundles, locked while in use. Unlocked ones, left by a crash, are removed."""
     for left in out_dir.glob(f"{STAGING}*"):
         if left.is_dir() and not left.is_symlink():
             with _locked(left) as is_ours:
@@ -217,7 +220,7 @@ def _staging(out_dir: Path) -> Iterator[Path]:
 
 @contextmanager
 def _locked(folder: Path) -> Iterator[bool]:
-    """Hold a folder's lock; False where another process has it, or the disk knows no locks (NFS, FUSE)."""
+    """Lock a folder; False if another process holds the lock, or the file system has no locks (NFS, FUSE)."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
     try:
         try:
@@ -231,8 +234,8 @@ def _locked(folder: Path) -> Iterator[bool]:
 
 
 def _written(folder: Path, name: str, stream: IO[bytes], size: int) -> str:
-    """Write a member; its checksum."""
-    if shutil.disk_usage(folder).free < size + LEAST_FREE_BYTES:
+    """Write a member and return its checksum."""
+    if shutil.disk_usage(folder).free < size + MIN_FREE_BYTES:
         raise ArchiveError(f"there is no room in {folder.parent} to unpack it; make some")
     file = folder / name
     try:
@@ -244,7 +247,7 @@ def _written(folder: Path, name: str, stream: IO[bytes], size: int) -> str:
 
 
 def _copied(stream: IO[bytes], out: IO[bytes] | None, kept_bytes: int) -> tuple[str, bytes]:
-    """Read a member to its end, into ``out`` where there is one; its checksum and the first ``kept_bytes`` of it."""
+    """Read a member to its end, into ``out`` if given; its checksum and its first ``kept_bytes``."""
     digest, kept = hashlib.sha256(), b""
     while chunk := _chunk(stream):
         digest.update(chunk)
@@ -262,7 +265,7 @@ def _chunk(stream: IO[bytes]) -> bytes:
 
 @contextmanager
 def _damage_named() -> Iterator[None]:
-    """While an archive is read: what is wrong with it as ``ArchiveError``."""
+    """Convert the libraries' exceptions to ``ArchiveError`` while an archive is read."""
     try:
         yield
     except _DAMAGED as error:
@@ -272,8 +275,8 @@ def _damage_named() -> Iterator[None]:
 
 
 def _parsed_sums(content: bytes) -> dict[str, str]:
-    if len(content) > MOST_SUMS_BYTES:
-        raise ArchiveError(f"its {SUMS_NAME} is larger than {MOST_SUMS_BYTES / 1e6:g} MB")
+    if len(content) > MAX_SUMS_BYTES:
+        raise ArchiveError(f"its {SUMS_NAME} is larger than {MAX_SUMS_BYTES / 1e6:g} MB")
     try:
         pairs = [line.split("  ", 1) for line in content.decode().splitlines()]
         return {name: digest for digest, name in pairs}
@@ -282,7 +285,9 @@ def _parsed_sums(content: bytes) -> dict[str, str]:
 
 
 def _members(path: Path) -> Iterator[tuple[str, IO[bytes], int]]:
-    """Names, contents and sizes of an archive's files, in order; a content is to be read before the next is asked for."""
+    """Names, contents and sizes of an archive's files, in order; each content must be read before the next is
+    requested.
+    """
     with (
         _damage_named(),
         os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file,

@@ -1,4 +1,4 @@
-"""Write a measurement bundle (``skyfix.bundle/1``): the directory is complete, or it is not there."""
+"""Writes a measurement bundle (``skyfix.bundle/1``): its directory is complete or absent."""
 
 import os
 import re
@@ -20,16 +20,16 @@ from localizer.os_errors import why_not_written
 from rig.atomic import sync
 from rig.errors import RigError
 
-LEAST_FREE_BYTES = 20_000_000
+MIN_FREE_BYTES = 20_000_000
 
 
 class BundleWriteError(RigError):
-    """The bundle cannot be written where it should go."""
+    """The bundle cannot be written into its folder."""
 
 
 @dataclass(frozen=True)
 class FrameRecord:
-    """One picture with its calibrated readings, and in ``raw`` what they were derived from (JSON values)."""
+    """One frame with its calibrated readings; ``raw`` (JSON values) holds the readings that they were derived from."""
 
     label: str
     image_bgr: NDArray[np.uint8]
@@ -45,7 +45,7 @@ class FrameRecord:
 
 @dataclass(frozen=True)
 class Measurement:
-    """Everything that goes into a bundle. ``raw`` and ``calibration`` hold JSON values."""
+    """The content of a bundle. ``raw`` and ``calibration`` hold JSON values."""
 
     created: datetime
     camera: Camera
@@ -59,9 +59,9 @@ class Measurement:
 
 
 def require_writable(folder: Path) -> None:
-    """Raise ``BundleWriteError`` where bundles cannot be put into ``folder``, which need not exist yet.
+    """Raise ``BundleWriteError`` if bundles cannot be written into ``folder``, which need not exist yet.
 
-    Asked before anything is measured: a capture takes long enough to be annoyed by a misspelt --out.
+    Checked before the measurement starts, so that a misspelt --out does not cost a whole capture.
     """
     existing = existing_part(folder)
     if not existing.is_dir():
@@ -69,15 +69,15 @@ def require_writable(folder: Path) -> None:
     if not os.access(existing, os.W_OK | os.X_OK):
         raise BundleWriteError(f"{folder}: no permission to write in {existing}; choose another with --out")
     free_bytes = shutil.disk_usage(existing).free
-    if free_bytes < LEAST_FREE_BYTES:
+    if free_bytes < MIN_FREE_BYTES:
         raise BundleWriteError(
-            f"{folder}: only {free_bytes / 1e6:.1f} MB are free, a bundle may need {LEAST_FREE_BYTES / 1e6:.0f}; "
+            f"{folder}: only {free_bytes / 1e6:.1f} MB are free, a bundle may need {MIN_FREE_BYTES / 1e6:.0f}; "
             "make room, or choose another with --out"
         )
 
 
 def existing_part(path: Path) -> Path:
-    """The path itself, or the nearest of its parents that is there."""
+    """The path itself, or its nearest existing parent."""
     while not path.exists() and path != path.parent:
         path = path.parent
     return path
@@ -86,9 +86,9 @@ def existing_part(path: Path) -> Path:
 def write_bundle(folder: Path, measurement: Measurement) -> Path:
     """Write a bundle into ``folder`` (made where absent) and return its directory, named by its id.
 
-    It is written under a hidden name, brought to the disk, read back as its reader will, and then renamed. Where
-    any of that fails or is interrupted, nothing is left behind. ``BundleWriteError`` where the disk refuses;
-    ``BundleError`` where the measurement makes no valid bundle.
+    Written under a hidden name, fsynced, read back with the bundle reader, and renamed. After a failure or an
+    interruption nothing is left behind. ``BundleWriteError`` if the disk refuses; ``BundleError`` if the measurement
+    makes no valid bundle.
     """
     name = f"{measurement.created:%Y%m%dT%H%M%SZ}-{secrets.token_hex(2)}"
     partial = folder / f".{name}.partial"
@@ -135,7 +135,7 @@ def _bundle(name: str, measurement: Measurement, frames: list[Frame]) -> Bundle:
 
 
 def _write_frame(directory: Path, record: FrameRecord, number: int) -> Frame:
-    # a label that is derived anew may come from anybody's bundle, and lead anywhere
+    # on recalibration the label comes from an untrusted bundle
     plain = re.fullmatch(r"[0-9A-Za-z][0-9A-Za-z_.-]*", record.label)
     file = f"frames/{record.label if plain else f'frame-{number}'}.png"
     _write(directory / file, cv2.imencode(".png", record.image_bgr)[1].tobytes())

@@ -1,4 +1,4 @@
-"""Calibrate the altimeter: the air pressure here and now, where the altitude is known."""
+"""Altimeter calibration: the air pressure at a known altitude."""
 
 import math
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from rig import clock
 from rig.attitude.altitude import PressureReference, altitude_m, metres_per_hpa
 from rig.calibrate.figures import new_figure
-from rig.calibrate.result import Session
+from rig.calibrate.run import CalibrationRun
 from rig.config.calibration_files import AltimeterCalibration, CalibrationError
 from rig.devices.bus.retry import retry
 from rig.devices.connect import open_altimeter
@@ -18,7 +18,7 @@ from rig.devices.readings import PressureReading
 
 DURATION_S = 5.0
 NOISE_LIMIT_M = 1.0
-IMPLAUSIBLE_HPA = 60.0  # off the standard atmosphere: no weather does that
+IMPLAUSIBLE_HPA = 60.0  # difference from the standard atmosphere beyond any weather
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class KnownAltitude:
 
 @dataclass(frozen=True)
 class PressureFit:
-    """Mean pressure, and the sigma of its mean and of the known altitude together, as metres."""
+    """Mean pressure, and the combined sigma of the mean and of the known altitude, as metres."""
 
     pressure_hpa: float
     sigma_m: float
@@ -39,7 +39,7 @@ class PressureFit:
 
 
 def fit_pressure(readings: Sequence[PressureReading], known: KnownAltitude) -> PressureFit:
-    """The reference pressure. ``CalibrationError`` where it drifts or cannot be that of the altitude."""
+    """The reference pressure. ``CalibrationError`` if it drifts or is impossible at that altitude."""
     pressures = np.array([reading.pressure_hpa for reading in readings])
     mean_hpa = float(pressures.mean())
     here = PressureReference(mean_hpa, known.altitude_m)
@@ -65,16 +65,16 @@ def fit_pressure(readings: Sequence[PressureReading], known: KnownAltitude) -> P
 
 
 def calibrate_altimeter(
-    session: Session, known: KnownAltitude, air_c: float | None, drift_m_h: float
+    run: CalibrationRun, known: KnownAltitude, air_c: float | None, drift_m_h: float
 ) -> None:
-    """Read, check and write; from then on the altitude's sigma grows by ``drift_m_h`` an hour.
+    """Read, check and write. The altitude's sigma then grows by ``drift_m_h`` an hour.
 
-    ``air_c`` is the temperature of the air; None takes the standard atmosphere's.
+    ``air_c`` is the air temperature; None uses the standard atmosphere's.
     """
-    section = session.config.altimeter
+    section = run.config.altimeter
     if section is None:
         raise CalibrationError("altimeter: the configuration has no [altimeter]; add it first")
-    session.guide.ready("Stand still with doors and windows closed.")
+    run.guide.ready("Stand still with doors and windows closed.")
     altimeter = open_altimeter(section)
     try:
         device = altimeter.identify()
@@ -87,7 +87,7 @@ def calibrate_altimeter(
         )
     fit = fit_pressure(readings, known)
     document = AltimeterCalibration(
-        **session.header("altimeter", device),
+        **run.header("altimeter", device),
         altimeter=section.kind,
         reference_pressure_hpa=fit.pressure_hpa,
         reference_altitude_m=known.altitude_m,
@@ -107,7 +107,7 @@ def calibrate_altimeter(
         ("drift, m an hour", "", f"{drift_m_h:.1f}"),
         ("the reference so far was off by, m", f"{off_m:.1f}", ""),
     ]
-    session.finish(document, rows, draw(readings, fit))
+    run.finish(document, rows, draw(readings, fit))
 
 
 def draw(readings: Sequence[PressureReading], fit: PressureFit) -> Figure:

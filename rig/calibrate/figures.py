@@ -1,4 +1,4 @@
-"""Pictures of calibrations, drawn without a display."""
+"""Plots of calibrations, drawn without a display."""
 
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 
 
 def new_figure(title: str, panels: int) -> tuple[Figure, list[Axes]]:
-    """A figure with so many panels beside each other."""
+    """A figure with this many panels side by side."""
     figure = Figure(figsize=(5.5 * panels, 4.6), dpi=110, facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle(title, fontsize=12)

@@ -1,4 +1,4 @@
-"""The person who calibrates: what they are told, and when they say that they are ready. All of it on standard error."""
+"""Instructions to and answers from the operator of a calibration, on standard error."""
 
 import sys
 from typing import Protocol
@@ -7,36 +7,36 @@ from rig.config.calibration_files import CalibrationError
 
 
 class Guide(Protocol):
-    """Tells what goes on, and waits for the person where only they can act."""
+    """Shows instructions, and waits where the operator has to act."""
 
     def say(self, text: str) -> None:
-        """Tell something; stays visible."""
+        """Show a message."""
         ...
 
     def ready(self, task: str) -> None:
-        """Ask the person to do something, and wait until they have."""
+        """Ask the operator to do something, and wait until it is done."""
         ...
 
     def agrees(self, question: str) -> bool:
-        """Ask a question that is answered with yes or no."""
+        """Ask a yes-no question."""
         ...
 
 
 class TerminalGuide:
-    """A person at a terminal, or a script at a pipe: one line for each question, answered with a line.
+    """An operator at a terminal, or a script at a pipe: one line for each question, answered with a line.
 
-    With ``yes`` nobody is asked: everything is taken to be ready and agreed.
+    With ``yes`` nothing is asked: every task counts as done, every question as agreed.
     """
 
     def __init__(self, yes: bool) -> None:
         self._yes = yes
 
     def say(self, text: str) -> None:
-        """Tell something."""
+        """Show a message."""
         print(text, file=sys.stderr, flush=True)
 
     def ready(self, task: str) -> None:
-        """Ask for something and wait for Enter. ``CalibrationError`` where nobody is there to press it."""
+        """Ask and wait for Enter. ``CalibrationError`` if standard input has ended."""
         self.say(f"{task} Then press Enter.")
         if not self._yes:
             self._answer()

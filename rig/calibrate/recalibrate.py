@@ -1,4 +1,4 @@
-"""Derive an old bundle anew from its raw readings, with better calibrations. The old one stays as it is."""
+"""Recomputes a bundle from its raw readings with better calibrations. The original stays as it is."""
 
 import json
 from collections.abc import Sequence
@@ -16,21 +16,21 @@ from rig.attitude.kinematics import JointAngles
 from rig.attitude.level import HeadLevel, tilt_roll_deg
 from rig.bundle.writer import Measurement, require_writable, write_bundle
 from rig.capture import derive
-from rig.capture.measure import MeanPressure, altitude_from
-from rig.capture.standing import MeanField, Stop, standing_from
+from rig.capture.averaged_readings import MeanPressure, altitude_from
+from rig.capture.base_attitude import MeanField, Stop, estimate_base
 from rig.config.calibration_files import AppliedCalibration, CalibrationError, parse_calibration
 from rig.config.model import RigConfig, with_calibrations
 from rig.config.sections import InclinometerSection
 from rig.devices.readings import HeadingReading
 
-Record = dict[str, Any]
+JsonObject = dict[str, Any]
 
 
 def recalibrate(directory: Path, calibrations: Sequence[AppliedCalibration], out_dir: Path) -> Path:
-    """Write a new bundle into ``out_dir``, complete or not at all, and return its directory.
+    """Write a new bundle into ``out_dir``, complete or absent, and return its directory.
 
-    What ``calibrations`` do not replace stays as the bundle says that it was. ``BundleError`` where the bundle cannot be read,
-    ``CalibrationError`` where it keeps no raw readings or a calibration is not for its rig.
+    What ``calibrations`` do not replace keeps the bundle's values. ``BundleError`` if the bundle cannot be read,
+    ``CalibrationError`` if it holds no raw readings or a calibration is for another rig.
     """
     require_writable(out_dir)
     bundle = load_bundle(directory)
@@ -44,7 +44,7 @@ def recalibrate(directory: Path, calibrations: Sequence[AppliedCalibration], out
 
 
 def recorded_config(bundle: Bundle) -> RigConfig:
-    """The configuration that a bundle was taken with, calibrations included. ``CalibrationError`` where it has none."""
+    """The configuration of the capture, calibrations included. ``CalibrationError`` if the bundle has none."""
     calibration = (bundle.model_extra or {}).get("calibration")
     if not isinstance(calibration, dict) or "configuration" not in calibration:
         raise CalibrationError(
@@ -52,7 +52,7 @@ def recorded_config(bundle: Bundle) -> RigConfig:
         )
     tables = dict(calibration["configuration"])
     pan = tables["pan_tilt"]["pan"]
-    # Where it was turned to is in the readings; the configuration only has to be valid.
+    # The directions are in the readings; the configuration only has to be valid.
     angles_deg = [pan["min_deg"], (pan["min_deg"] + pan["max_deg"]) / 2.0, pan["max_deg"]]
     tables["capture"] = {"base_attitude_pan_angles_deg": angles_deg}
     tables["camera"] = {**tables["camera"], "source": "recorded"}
@@ -67,8 +67,8 @@ def recorded_config(bundle: Bundle) -> RigConfig:
     return with_calibrations(config, recorded_calibrations(calibration.get("files", {})))
 
 
-def recorded_calibrations(files: Record) -> list[AppliedCalibration]:
-    """The calibrations that a bundle was taken with."""
+def recorded_calibrations(files: JsonObject) -> list[AppliedCalibration]:
+    """The calibrations that were in force at the capture."""
     return [
         AppliedCalibration(
             parse_calibration(json.dumps(record["content"]), record["file"]), record["file"], record["sha256"]
@@ -79,10 +79,10 @@ def recorded_calibrations(files: Record) -> list[AppliedCalibration]:
 
 def _measurement(bundle: Bundle, config: RigConfig) -> Measurement:
     extra = bundle.model_extra or {}
-    raw: Record = extra["raw"]
-    shots = [_shot(bundle, frame, config) for frame in bundle.frames]
+    raw: JsonObject = extra["raw"]
+    shots = [_shot_of(bundle, frame, config) for frame in bundle.frames]
     stops = [_stop(record, config) for record in raw["stops"]]
-    standing = standing_from(config, stops, raw["compass"], [shot.stop for shot in shots])
+    base_estimate = estimate_base(config, stops, raw["compass"], [shot.stop for shot in shots])
     altitude = None
     if raw["altimeter"] is not None and config.altimeter is not None:
         read = altitude_from(_pressure(raw["altimeter"]), config.altimeter)
@@ -92,16 +92,16 @@ def _measurement(bundle: Bundle, config: RigConfig) -> Measurement:
         camera=derive.bundle_camera(config),
         mast_height_m=bundle.mast_height_m,
         altitude=altitude,
-        azimuth_bias_sigma_deg=derive.azimuth_bias_sigma_deg(config, standing),
-        tilt_bias_sigma_deg=derive.tilt_bias_sigma_deg(config, standing),
-        frames=[derive.frame_record(config, standing, shot) for shot in shots],
+        azimuth_bias_sigma_deg=derive.azimuth_bias_sigma_deg(config, base_estimate),
+        tilt_bias_sigma_deg=derive.tilt_bias_sigma_deg(config, base_estimate),
+        frames=[derive.frame_record(config, base_estimate, shot) for shot in shots],
         raw={**raw, "recalibrated_from": bundle.id},
-        calibration=derive.calibration_record(config, standing),
+        calibration=derive.calibration_record(config, base_estimate),
     )
 
 
-def _shot(bundle: Bundle, frame: Frame, config: RigConfig) -> derive.Shot:
-    raw: Record = (frame.model_extra or {})["raw"]
+def _shot_of(bundle: Bundle, frame: Frame, config: RigConfig) -> derive.Shot:
+    raw: JsonObject = (frame.model_extra or {})["raw"]
     after = _joints(raw["ticks"], config)
     before = _joints(raw["ticks_before"] if "ticks_before" in raw else raw["ticks"], config)
     joints = JointAngles((before.pan_deg + after.pan_deg) / 2.0, (before.tilt_deg + after.tilt_deg) / 2.0)
@@ -109,12 +109,12 @@ def _shot(bundle: Bundle, frame: Frame, config: RigConfig) -> derive.Shot:
     return derive.Shot(frame.label, frame_image(bundle, frame), frame.time, stop, raw)
 
 
-def _stop(record: Record, config: RigConfig) -> Stop:
+def _stop(record: JsonObject, config: RigConfig) -> Stop:
     return _read_at(record, _joints(record["ticks"], config), datetime.fromisoformat(record["time"]), config)
 
 
-def _read_at(record: Record, joints: JointAngles, time: datetime, config: RigConfig) -> Stop:
-    """What was read at a stop or at a picture. Bundles of old have no compass in the latter."""
+def _read_at(record: JsonObject, joints: JointAngles, time: datetime, config: RigConfig) -> Stop:
+    """The readings at a stop or at a picture. Old bundles have no compass reading in the latter."""
     field = None
     if "field_ut" in record:
         field = MeanField(
@@ -141,8 +141,8 @@ def _read_at(record: Record, joints: JointAngles, time: datetime, config: RigCon
     return Stop((pan, tilt), joints, level, field, headings, time)
 
 
-def _level(record: Record, section: InclinometerSection) -> HeadLevel:
-    """The head's level from the average that the chip gave, without its errors as they are known now."""
+def _level(record: JsonObject, section: InclinometerSection) -> HeadLevel:
+    """The head's level from the recorded uncorrected average, with today's correction."""
     level = HeadLevel(**{**record, "mean_g": _triple(record["mean_g"])})
     measured = np.array([level.mean_g])
     if section.chip == "iis2iclx":  # its z was what is left of 1 g
@@ -153,7 +153,7 @@ def _level(record: Record, section: InclinometerSection) -> HeadLevel:
     return replace(level, tilt_deg=float(tilt_deg[0]), roll_deg=float(roll_deg[0]))
 
 
-def _pressure(record: Record) -> MeanPressure:
+def _pressure(record: JsonObject) -> MeanPressure:
     return MeanPressure(
         record["device"],
         datetime.fromisoformat(record["time"]),

@@ -1,4 +1,4 @@
-"""From raw readings to what a bundle says, by the configuration in force: for a capture, and later for a better one."""
+"""Derives a bundle's calibrated values from raw readings and a configuration: at capture, and again on recalibration."""
 
 import math
 from collections.abc import Mapping
@@ -13,15 +13,15 @@ from localizer.bundle import Camera as BundleCamera
 from rig.attitude.kinematics import Attitude, Head, JointAngles, measured_pointing
 from rig.attitude.level import HeadLevel
 from rig.bundle.writer import FrameRecord
-from rig.capture.standing import Standing, Stop
+from rig.capture.base_attitude import BaseEstimate, Stop
 from rig.config.model import RigConfig
 
-MOST_SIGMA_DEG = 180.0
+MAX_SIGMA_DEG = 180.0
 
 
 @dataclass(frozen=True)
 class Shot:
-    """A picture and what was read while it was taken; where it looked depends on how the vehicle is found to stand."""
+    """A picture and the readings taken with it; its attitude follows from the base estimate."""
 
     label: str
     image_bgr: NDArray[np.uint8]
@@ -30,10 +30,10 @@ class Shot:
     raw: Mapping[str, Any]
 
 
-def frame_record(config: RigConfig, standing: Standing, shot: Shot) -> FrameRecord:
+def frame_record(config: RigConfig, base_estimate: BaseEstimate, shot: Shot) -> FrameRecord:
     """A frame of the bundle."""
     level = shot.stop.level
-    looked = pointing(standing, shot.stop.joints, level, Head.from_config(config))
+    looked = pointing(base_estimate, shot.stop.joints, level, Head.from_config(config))
     return FrameRecord(
         label=shot.label,
         image_bgr=shot.image_bgr,
@@ -43,50 +43,50 @@ def frame_record(config: RigConfig, standing: Standing, shot: Shot) -> FrameReco
         tilt_deg=looked.tilt_deg,
         tilt_sigma_deg=tilt_sigma_deg(config, level),
         roll_deg=looked.roll_deg,
-        roll_sigma_deg=roll_sigma_deg(config, standing, level),
+        roll_sigma_deg=roll_sigma_deg(config, base_estimate, level),
         raw=shot.raw,
     )
 
 
-def pointing(standing: Standing, joints: JointAngles, level: HeadLevel, head: Head) -> Attitude:
-    """Where the camera looked, from joint angles and inclinometer."""
+def pointing(base_estimate: BaseEstimate, joints: JointAngles, level: HeadLevel, head: Head) -> Attitude:
+    """Camera attitude from joint angles and inclinometer."""
     return measured_pointing(
-        standing.attitude,
+        base_estimate.attitude,
         joints,
-        level.tilt_deg - standing.level.tilt_zero_deg,
-        level.roll_deg - standing.level.roll_zero_deg,
+        level.tilt_deg - base_estimate.level.tilt_zero_deg,
+        level.roll_deg - base_estimate.level.roll_zero_deg,
         head.boresight,
     )
 
 
-def azimuth_bias_sigma_deg(config: RigConfig, standing: Standing) -> float:
-    """Of the error that all azimuths share: heading, and how the camera sits in the head."""
-    both_deg = math.hypot(standing.heading.sigma_deg, config.camera.boresight_azimuth_sigma_deg)
-    return min(both_deg, MOST_SIGMA_DEG)
+def azimuth_bias_sigma_deg(config: RigConfig, base_estimate: BaseEstimate) -> float:
+    """Sigma of the azimuth error common to all frames: heading and boresight."""
+    both_deg = math.hypot(base_estimate.heading.sigma_deg, config.camera.boresight_azimuth_sigma_deg)
+    return min(both_deg, MAX_SIGMA_DEG)
 
 
-def tilt_bias_sigma_deg(config: RigConfig, standing: Standing) -> float:
-    """Of the error that all tilts share: zero of the inclinometer, and how the camera sits in the head."""
-    return math.hypot(standing.level.tilt_zero_sigma_deg, config.camera.boresight_tilt_sigma_deg)
+def tilt_bias_sigma_deg(config: RigConfig, base_estimate: BaseEstimate) -> float:
+    """Sigma of the tilt error common to all frames: inclinometer zero and boresight."""
+    return math.hypot(base_estimate.level.tilt_zero_sigma_deg, config.camera.boresight_tilt_sigma_deg)
 
 
 def tilt_sigma_deg(config: RigConfig, level: HeadLevel) -> float:
-    """Of one frame's tilt."""
+    """Sigma of one frame's tilt."""
     return math.hypot(config.inclinometer.tilt_sigma_deg, level.tilt_noise_deg)
 
 
-def roll_sigma_deg(config: RigConfig, standing: Standing, level: HeadLevel) -> float:
-    """Of one frame's roll. The contract has no roll bias: what is left of the zero errors goes in here."""
+def roll_sigma_deg(config: RigConfig, base_estimate: BaseEstimate, level: HeadLevel) -> float:
+    """Sigma of one frame's roll. The contract has no roll bias: residual zero errors are included here."""
     return math.hypot(
         config.inclinometer.roll_sigma_deg,
         level.roll_noise_deg,
-        standing.level.roll_zero_sigma_deg,
+        base_estimate.level.roll_zero_sigma_deg,
         config.camera.boresight_roll_sigma_deg,
     )
 
 
 def bundle_camera(config: RigConfig) -> BundleCamera:
-    """The camera as the bundle describes it."""
+    """The camera's intrinsics for the bundle."""
     camera = config.camera
     return BundleCamera(
         width_px=camera.width_px,
@@ -99,19 +99,19 @@ def bundle_camera(config: RigConfig) -> BundleCamera:
     )
 
 
-def calibration_record(config: RigConfig, standing: Standing) -> dict[str, Any]:
-    """What turned raw readings into calibrated ones: results on the way, configuration, and the calibration files used."""
+def calibration_record(config: RigConfig, base_estimate: BaseEstimate) -> dict[str, Any]:
+    """How calibrated readings were derived: intermediate results, configuration, and calibration files."""
     return {
-        **standing.calibration,
+        **base_estimate.calibration,
         "configuration": configured_calibration(config),
         "files": {each.document.kind: each.record() for each in config.calibrations},
     }
 
 
 def configured_calibration(config: RigConfig) -> dict[str, Any]:
-    """The configuration that was in force, with what calibrations had replaced, as JSON values.
+    """The configuration in force, with the values of calibrations, as JSON values.
 
-    Without the camera's URLs: they often have a password in them.
+    Without the camera's URLs, which may contain a password.
     """
     return config.model_dump(
         mode="json",

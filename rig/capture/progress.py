@@ -1,4 +1,4 @@
-"""What the operator sees while a capture goes on: on a terminal a moving line, else one line a step; on stderr."""
+"""Progress of a capture for the operator, on stderr: a progress bar on a terminal, else one line a step."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -7,35 +7,35 @@ from typing import Protocol
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-from rig import feed
+from rig import event_bus
 
 
-class Reporter(Protocol):
-    """Takes what is going on (``doing``) and what has been done (``done``), each a short sentence."""
+class ProgressReporter(Protocol):
+    """Receives the current step (``doing``) and finished steps (``done``), each a short sentence."""
 
     def doing(self, what: str) -> None:
-        """What begins now; soon replaced by the next."""
+        """The step that begins now; replaced by the next."""
         ...
 
     def done(self, what: str) -> None:
-        """A step that is finished; stays visible."""
+        """A finished step; stays visible."""
         ...
 
 
-class Published:
-    """A reporter that also tells the telemetry."""
+class PublishingReporter:
+    """A progress reporter that also publishes to the event bus."""
 
-    def __init__(self, report: Reporter) -> None:
+    def __init__(self, report: ProgressReporter) -> None:
         self._report = report
 
     def doing(self, what: str) -> None:
         """Pass on."""
-        feed.publish(feed.Step("info", "capture", what))
+        event_bus.publish(event_bus.Step("info", "capture", what))
         self._report.doing(what)
 
     def done(self, what: str) -> None:
         """Pass on."""
-        feed.publish(feed.Step("info", "capture", what))
+        event_bus.publish(event_bus.Step("info", "capture", what))
         self._report.done(what)
 
 
@@ -64,8 +64,8 @@ class _Bar:
 
 
 @contextmanager
-def reporting(steps: int) -> Iterator[Reporter]:
-    """A reporter for so many steps."""
+def console_progress(steps: int) -> Iterator[ProgressReporter]:
+    """A progress reporter for a number of steps."""
     console = Console(stderr=True)
     if not console.is_terminal:
         yield _Lines(console)

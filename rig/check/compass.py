@@ -1,4 +1,4 @@
-"""The verdict of ``rig check`` on a compass: a magnetometer's field, or a talker's headings."""
+"""``rig check`` for compasses: the field of a magnetometer, or the headings of a talker."""
 
 import math
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ from rig.attitude.declination import declination
 from rig.attitude.heading import PLAUSIBLE_FIELD_UT, circular_mean_deg
 from rig.attitude.kinematics import wrapped_deg
 from rig.attitude.level import in_axes
-from rig.check.row import DeviceCheck
+from rig.check.result import DeviceCheck
 from rig.config.sections import Mmc5983maSection, NmeaCompassSection, Place
 from rig.devices.readings import FieldReading, HeadingReading
 from rig.errors import RigError
@@ -19,7 +19,7 @@ REFERENCES_DISAGREE_DEG = 5.0
 
 
 def field_check(identity: str, fields: Sequence[FieldReading], section: Mmc5983maSection) -> DeviceCheck:
-    """The verdict on readings of a magnetometer."""
+    """Check of magnetometer readings."""
     chip_ut = np.array([[reading.x_ut, reading.y_ut, reading.z_ut] for reading in fields])
     stage_ut = in_axes(chip_ut, section.axes) - np.array(section.hard_iron_ut)
     x_ut, y_ut, z_ut = (float(value) for value in stage_ut.mean(axis=0))
@@ -56,7 +56,7 @@ def field_check(identity: str, fields: Sequence[FieldReading], section: Mmc5983m
 def heading_check(
     identity: str, headings: Sequence[HeadingReading], section: NmeaCompassSection, place: Place | None
 ) -> DeviceCheck:
-    """The verdict on headings of a talker: those from magnetic and from true north each for themselves."""
+    """Check of a talker's headings, magnetic and true ones separately."""
     means, scatters = {}, {}
     for reference in sorted({reading.reference for reading in headings}):
         angles_deg = [reading.heading_deg for reading in headings if reading.reference == reference]
@@ -91,7 +91,7 @@ def _contradiction(
     section: NmeaCompassSection,
     place: Place | None,
 ) -> str | None:
-    """Why a talker's true and magnetic headings cannot both be; None where they can."""
+    """Why a talker's true and magnetic headings are inconsistent; None if they are consistent."""
     variation_deg = next((r.variation_deg for r in headings if r.variation_deg is not None), None)
     between_deg = wrapped_deg(true_minus_magnetic_deg)
     try:

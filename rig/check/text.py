@@ -1,4 +1,4 @@
-"""What ``rig check`` found, as a table and as JSON."""
+"""The results of ``rig check`` as a table and as JSON."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -8,13 +8,13 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from rig.check.row import DeviceCheck
+from rig.check.result import DeviceCheck
 
-PLAIN_WIDTH = 160  # of the table where there is no terminal to fit it into
+PLAIN_WIDTH = 160  # width of the table without a terminal
 
 
 def print_table(checks: Sequence[DeviceCheck], console: Console) -> None:
-    """The checks as a table, and below it a line for each problem and for each hint."""
+    """Print the results as a table, then one line for each problem and each hint."""
     degrees = "°C" if console.encoding.lower().startswith("utf") else "deg C"
     table = Table("device", "identity", "reading", "noise", "V", degrees, "verdict")
     for check in checks:
@@ -36,7 +36,7 @@ def print_table(checks: Sequence[DeviceCheck], console: Console) -> None:
 
 
 def as_json(checks: Sequence[DeviceCheck]) -> dict[str, Any]:
-    """The checks as JSON values. ``values`` has the readings as numbers, with their units in the names; null: not known."""
+    """The results as JSON values. ``values`` holds the readings as numbers with units in their names; null: unknown."""
     return {
         "ok": all(check.ok for check in checks),
         "devices": [
@@ -52,13 +52,13 @@ def as_json(checks: Sequence[DeviceCheck]) -> dict[str, Any]:
 
 
 def table_console() -> Console:
-    """Standard output, wide enough for the table where it is no terminal."""
+    """A console on standard output, wide enough for the table if it is not a terminal."""
     console = Console()
     return console if console.is_terminal else Console(width=PLAIN_WIDTH)
 
 
 def _rounded(values: Mapping[str, float | str | None]) -> dict[str, float | str | None]:
-    """Without digits that say nothing; NaN is no JSON."""
+    """Rounded to significant digits; NaN becomes null, which JSON lacks."""
     return {
         key: (round(value, 5) if math.isfinite(value) else None) if isinstance(value, float) else value
         for key, value in values.items()

@@ -1,4 +1,4 @@
-"""``rig bundle``: what can be done with bundles afterwards."""
+"""``rig bundle``: commands on existing bundles."""
 
 import json
 from pathlib import Path
@@ -7,9 +7,9 @@ import click
 
 from localizer.bundle import load_bundle
 from localizer.commands.command_line import OutputFolder
-from rig.bundle.facts import facts
+from rig.bundle.summary import bundle_summary
 from rig.commands.bundle_export import export, import_
-from rig.commands.bundle_look import json_option, list_, show, verify
+from rig.commands.bundle_inspect import json_option, list_, show, verify
 from rig.commands.options import config_option
 
 
@@ -50,7 +50,7 @@ def recalibrate(
       rig bundle recalibrate bundles/20261124T060000Z-3f9a
       rig bundle recalibrate bundles/20261124T060000Z-3f9a --calibration calibration/boresight-20261124T090000Z-77c1.json
     """
-    from rig.calibrate.recalibrate import recalibrate as derive_anew
+    from rig.calibrate.recalibrate import recalibrate as recalibrate_bundle
     from rig.config.calibration_files import read_calibration
     from rig.config.load import config_path, load_config
 
@@ -61,9 +61,9 @@ def recalibrate(
         calibrations = list(load_config(file).calibrations)
         if not calibrations:
             raise click.UsageError(f"{file} names no calibration; give --calibration FILE.")
-    path = derive_anew(directory, calibrations, out_dir or directory.resolve().parent)
+    path = recalibrate_bundle(directory, calibrations, out_dir or directory.resolve().parent)
     click.echo(f"with {', '.join(each.document.id for each in calibrations)}", err=True)
-    click.echo(json.dumps(facts(load_bundle(path))) if as_json else path)
+    click.echo(json.dumps(bundle_summary(load_bundle(path))) if as_json else path)
 
 
 for _command in (list_, show, verify, export, import_):

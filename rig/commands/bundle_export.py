@@ -1,4 +1,4 @@
-"""``rig bundle export`` and ``import``: bundles in one file, and out of it again."""
+"""``rig bundle export`` and ``import``: bundles into one archive file and back."""
 
 import json
 from pathlib import Path
@@ -8,7 +8,7 @@ import click
 from localizer.bundle import BundleError
 from localizer.commands.command_line import OutputFolder
 from rig.bundle.archive import unpack_archive, write_archive
-from rig.commands.bundle_look import json_option, loaded
+from rig.commands.bundle_inspect import json_option, loaded
 from rig.commands.options import folders_argument
 from rig.commands.signals import stopping_cleanly
 
@@ -84,6 +84,6 @@ def import_(archive: Path, out_dir: Path, as_json: bool) -> None:
 
 
 def named_first(strays: list[str]) -> str:
-    """The first few of some files."""
+    """The first few file names."""
     more = f" and {len(strays) - 3} more" if len(strays) > 3 else ""
     return f"{', '.join(map(repr, strays[:3]))}{more}"

@@ -1,4 +1,4 @@
-"""``rig calibrate``: what a field crew does before the rig is worth its sensors."""
+"""``rig calibrate``: the group of calibration commands."""
 
 import click
 

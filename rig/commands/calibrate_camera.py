@@ -1,16 +1,22 @@
-"""``rig calibrate camera``, and the board that it looks at."""
+"""``rig calibrate camera``, and ``rig calibrate board``, which draws its calibration target."""
 
 import json
 from pathlib import Path
 
 import click
 
-from rig.commands.calibrate_options import Asked, board_of, board_option, json_option, session_options
+from rig.commands.calibrate_options import (
+    Asked,
+    calibration_run_options,
+    json_option,
+    target_of,
+    target_option,
+)
 
 
 @click.command()
-@session_options
-@board_option
+@calibration_run_options
+@target_option
 @click.option(
     "--images", metavar="GLOB", help="Pictures of the board instead of the live camera; quote the pattern."
 )
@@ -25,13 +31,13 @@ def camera(asked: Asked, board_text: str, images: str | None, views: int) -> Non
     """
     from rig.calibrate.camera.procedure import calibrate_camera
 
-    known_board = board_of(board_text)
+    known_board = target_of(board_text)
     with asked.session() as session:
         calibrate_camera(session, known_board, images, views)
 
 
 @click.command()
-@board_option
+@target_option
 @click.option(
     "--out", "path", metavar="FILE", type=click.Path(path_type=Path), required=True, help="PNG to write."
 )
@@ -41,8 +47,8 @@ def board(board_text: str, path: Path, as_json: bool) -> None:
 
     Example: rig calibrate board --out board.png
     """
-    from rig.calibrate.camera.target import print_board
+    from rig.calibrate.camera.target import print_target
 
-    board_of(board_text)
-    print_board(board_text, path)
+    target_of(board_text)
+    print_target(board_text, path)
     click.echo(json.dumps({"file": str(path), "board": board_text}) if as_json else path)

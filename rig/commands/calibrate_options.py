@@ -1,4 +1,4 @@
-"""Options that several commands of ``rig calibrate`` share, and what they give."""
+"""Options shared by the commands of ``rig calibrate``, and their conversion."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -15,19 +15,19 @@ from rig.commands.signals import stopping_cleanly
 
 if TYPE_CHECKING:
     from rig.calibrate.boresight.known_place import KnownPlace
-    from rig.calibrate.camera.target import Board
-    from rig.calibrate.result import Session
+    from rig.calibrate.camera.target import CalibrationTarget
+    from rig.calibrate.run import CalibrationRun
 
 Command = Callable[..., Any]
 
-# What fits and draws is slow to import: functions import it.
+# Fitting and plotting modules are slow to import: functions import them.
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print the result as one JSON object.")
 at_option = click.option(
     "--at", metavar="LAT,LON", help="The known place where the vehicle stands, WGS84 degrees."
 )
 dem_option = dem_files_option("Elevation file for --at; repeat it for files that adjoin.")
-board_option = click.option(
+target_option = click.option(
     "--board",
     "board_text",
     default="charuco:9x7:30:22",
@@ -39,7 +39,7 @@ board_option = click.option(
 
 @dataclass(frozen=True)
 class Asked:
-    """What every calibration is told on the command line."""
+    """The options common to all calibrations."""
 
     config_file: Path | None
     out_dir: Path | None
@@ -47,16 +47,16 @@ class Asked:
     as_json: bool
 
     @contextmanager
-    def session(self) -> Iterator["Session"]:
-        """The calibration begins; a signal ends it through its clean-up."""
-        from rig.calibrate.result import Session
+    def session(self) -> Iterator["CalibrationRun"]:
+        """The calibration in progress; a signal ends it with clean-up."""
+        from rig.calibrate.run import CalibrationRun
 
-        session = Session.open(self.config_file, self.out_dir, self.yes, self.as_json)
+        session = CalibrationRun.open(self.config_file, self.out_dir, self.yes, self.as_json)
         with stopping_cleanly():
             yield session
 
 
-def session_options(command: Command) -> Command:
+def calibration_run_options(command: Command) -> Command:
     """Give a command the options of all calibrations, as one argument ``asked``."""
 
     @config_option
@@ -107,7 +107,7 @@ def place_sigma_options(command: Command) -> Command:
 
 
 def known_place_of(at: str, dem_paths: tuple[Path, ...], option: str = "--at") -> "KnownPlace":
-    """The place that ``option`` names, on the elevation files; ``UsageError`` where it is none."""
+    """The place named by ``option``, on the elevation files; ``UsageError`` for an invalid one."""
     from rig.calibrate.boresight.known_place import known_place, parse_place
 
     if not dem_paths:
@@ -119,11 +119,11 @@ def known_place_of(at: str, dem_paths: tuple[Path, ...], option: str = "--at") -
     return known_place(lat_deg, lon_deg, dem_paths, option)
 
 
-def board_of(text: str) -> "Board":
-    """The board that ``--board`` names; ``UsageError`` where it is none."""
-    from rig.calibrate.camera.target import parse_board
+def target_of(text: str) -> "CalibrationTarget":
+    """The calibration target named by ``--board``; ``UsageError`` for an invalid one."""
+    from rig.calibrate.camera.target import parse_target
 
     try:
-        return parse_board(text)
+        return parse_target(text)
     except ValueError as error:
         raise click.UsageError(f"--board: {error}.") from error

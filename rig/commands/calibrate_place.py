@@ -1,4 +1,4 @@
-"""``rig calibrate boresight`` at a known place, and ``rig calibrate sites``, which names such places."""
+"""``rig calibrate boresight`` at a known place, and ``rig calibrate sites``, which recommends such places."""
 
 import json
 from dataclasses import asdict
@@ -11,10 +11,10 @@ from localizer.commands.command_line import FiniteRange
 from rig.commands.calibrate_options import (
     Asked,
     at_option,
+    calibration_run_options,
     dem_option,
     known_place_of,
     place_sigma_options,
-    session_options,
 )
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@session_options
+@calibration_run_options
 @at_option
 @dem_option
 @place_sigma_options

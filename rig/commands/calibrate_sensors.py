@@ -1,4 +1,4 @@
-"""``rig calibrate inclinometer``, ``temperature-log``, ``compass`` and ``altimeter``: the sensors that need no skyline."""
+"""``rig calibrate inclinometer``, ``temperature-log``, ``compass`` and ``altimeter``: calibrations without a skyline."""
 
 import json
 from pathlib import Path
@@ -9,17 +9,17 @@ from localizer.commands.command_line import FiniteRange
 from rig.commands.calibrate_options import (
     Asked,
     at_option,
+    calibration_run_options,
     dem_option,
     json_option,
     known_place_of,
-    session_options,
 )
 from rig.commands.options import config_option
 from rig.commands.signals import stopping_cleanly
 
 
 @click.command()
-@session_options
+@calibration_run_options
 @click.option(
     "--angles", type=click.IntRange(6, 36), default=8, show_default=True, help="Pan angles to read at."
 )
@@ -69,7 +69,7 @@ def temperature_log_(config_file: Path | None, path: Path, minutes: float, as_js
 
 
 @click.command()
-@session_options
+@calibration_run_options
 @click.option(
     "--headings",
     type=click.IntRange(1, 36),
@@ -98,7 +98,7 @@ def compass(asked: Asked, headings: int, angles: int) -> None:
 
 
 @click.command()
-@session_options
+@calibration_run_options
 @at_option
 @dem_option
 @click.option(

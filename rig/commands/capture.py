@@ -22,7 +22,8 @@ from rig.config.model import RigConfig
 if TYPE_CHECKING:
     from localizer.dem.lattice import Dem
 
-# What measures and searches is slow to import, and bad input should be told at once: the functions import it.
+# Measuring and searching modules are slow to import; functions import them, so that bad input is reported at
+# once.
 
 
 @click.command()
@@ -124,15 +125,15 @@ def capture(
 
 @contextmanager
 def _telemetry(config: RigConfig, file: Path | None) -> Iterator[None]:
-    """Record into the file, else into one named by the time where the configuration says so."""
+    """Record telemetry into the file, else into one named by the time if the configuration has a folder for it."""
     if file is None and config.rig.telemetry_dir is not None:
         file = config.rig.telemetry_dir / f"{wall_clock():%Y%m%dT%H%M%SZ}.mcap"
     if file is None:
         yield
         return
-    from rig.telemetry.writer import recording
+    from rig.telemetry.writer import recording_telemetry
 
-    with recording(file, config) as path:
+    with recording_telemetry(file, config) as path:
         click.echo(f"telemetry: {path}", err=True)
         yield
 
@@ -141,17 +142,17 @@ def _take_one(
     config: RigConfig, directions: list[Direction], out_dir: Path, dem: "Dem | None", as_json: bool
 ) -> int:
     from localizer.bundle import load_bundle
-    from rig.bundle.facts import facts
-    from rig.capture.capture import capture as take
-    from rig.capture.progress import reporting
+    from rig.bundle.summary import bundle_summary
+    from rig.capture.progress import console_progress
+    from rig.capture.sequence import capture as take
 
     begun_s = time.monotonic()
-    with stopping_cleanly(), reporting(1 + len(directions)) as report:
+    with stopping_cleanly(), console_progress(1 + len(directions)) as report:
         bundle_dir = take(config, directions, out_dir, report, dem=dem)
     took_s = time.monotonic() - begun_s
     if not as_json:
         click.echo(bundle_dir)
-    found = {**facts(load_bundle(bundle_dir)), "took_s": round(took_s, 2)} if as_json else {}
+    found = {**bundle_summary(load_bundle(bundle_dir)), "took_s": round(took_s, 2)} if as_json else {}
     status = 0
     if dem is not None:
         from localizer.search.locate import locate_bundle
@@ -182,10 +183,10 @@ def _take_series(
     as_json: bool,
 ) -> int:
     from rig.bundle.writer import require_writable
-    from rig.capture.capture import capture as take
-    from rig.capture.progress import reporting
+    from rig.capture.progress import console_progress
+    from rig.capture.sequence import capture as take
+    from rig.series.console import SeriesConsole
     from rig.series.journal import Plan, begin_series, held, unfinished_series
-    from rig.series.report import Reports
     from rig.series.run import take_series
     from rig.series.space import require_space
 
@@ -196,11 +197,11 @@ def _take_series(
     folder = (unfinished or begin_series(out_dir, plan)).folder
 
     def once(into: Path, remarks: Mapping[str, Any]) -> Path:
-        with reporting(1 + len(directions)) as report:
+        with console_progress(1 + len(directions)) as report:
             return take(config, directions, into, report, remarks)
 
     with held(folder) as series:
-        reports = Reports(series, as_json)
+        reports = SeriesConsole(series, as_json)
         reports.begins(goes_on=unfinished is not None)
         try:
             with stopping_cleanly():
@@ -212,7 +213,7 @@ def _take_series(
 
 
 def _configured_dem(config: RigConfig, path: Path) -> DemChoice:
-    """What ``rig run`` searches."""
+    """The DEM that ``rig run`` searches."""
     if config.run is None:
         raise click.UsageError(
             "--locate: say where with --dem FILE; there is no [run] dem in the configuration."

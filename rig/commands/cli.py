@@ -1,4 +1,4 @@
-"""The command ``rig``: what an operator does with the head, its sensors and its camera."""
+"""The command ``rig``: group of all commands for the head, its sensors and its camera."""
 
 import json
 import logging
@@ -84,7 +84,7 @@ def check(
     place = known_place_of(at, dem_paths) if at is not None else None
 
     from rig.check import text
-    from rig.check.check import check_all
+    from rig.check.devices import check_all
 
     with stopping_cleanly():
         results = check_all(config, place.dem if place else None, dem_paths)

@@ -9,11 +9,11 @@ import click
 from rig.commands.options import config_option
 from rig.config.calibration_files import CalibrationError
 from rig.config.load import config_path, load_config
-from rig.config.run import control_in_bad
+from rig.config.run import control_socket_of_invalid_config
 from rig.errors import ConfigError
 
 EXIT_STATUS = {"started": 0, "busy": 3, "not ready": 4, "stopping": 5}
-"""Of ``rig trigger``, by the daemon's answer."""
+"""Exit statuses of ``rig trigger``, by the daemon's answer."""
 
 
 @click.command()
@@ -55,7 +55,7 @@ def trigger(config_file: Path | None, as_json: bool) -> int:
 @config_option
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def status(config_file: Path | None, as_json: bool) -> None:
-    """Say how the running daemon is: devices, the last answer, and how often what has happened.
+    """Show the status of the running daemon: devices, last answer, event counts.
 
     Example: rig status --config vehicle.toml
     """
@@ -65,8 +65,10 @@ def status(config_file: Path | None, as_json: bool) -> None:
     click.echo(json.dumps(answer) if as_json else status_text(answer))
 
 
-def _answer(config_file: Path | None, wish: str) -> dict[str, Any]:
-    """Of the daemon with this configuration; of one, too, that goes on with what it has read before this became bad."""
+def _answer(config_file: Path | None, request: str) -> dict[str, Any]:
+    """The daemon's answer. A daemon that still runs with an earlier version of a now invalid configuration is found
+    too.
+    """
     from rig.daemon.control import ControlError, ask
     from rig.daemon.main_loop import run_of
 
@@ -74,9 +76,9 @@ def _answer(config_file: Path | None, wish: str) -> dict[str, Any]:
     try:
         run = run_of(load_config(path), path)
     except (ConfigError, CalibrationError) as error:
-        control = control_in_bad(path)
+        control = control_socket_of_invalid_config(path)
         try:
-            answer = ask(control, wish) if control else None
+            answer = ask(control, request) if control else None
         except ControlError:
             answer = None
         if answer is None:
@@ -84,4 +86,4 @@ def _answer(config_file: Path | None, wish: str) -> dict[str, Any]:
         click.echo(f"rig: {error}; the daemon goes on with what it has read before, and answers", err=True)
         return answer
     assert run.control  # filled in when the file was read
-    return ask(run.control, wish)
+    return ask(run.control, request)

@@ -85,7 +85,7 @@ def move(
 
 
 def _turn(section: PanTiltSection, goal_deg: tuple[float, float] | None, park: bool) -> dict[str, Any]:
-    """Where the head stands after a move by joint angles, or after letting go where there is no goal."""
+    """Head position after a move by joint angles, or after switching the torque off if there is no goal."""
     from rig.devices.connect import open_pan_tilt
 
     with open_pan_tilt(section) as head:
@@ -100,28 +100,28 @@ def _turn(section: PanTiltSection, goal_deg: tuple[float, float] | None, park: b
 
 
 def _look_at(config: RigConfig, azimuth_deg: float, tilt_deg: float) -> dict[str, Any]:
-    """Where the head stands and the camera looks after it was turned to a true azimuth and a tilt."""
+    """Head and camera attitude after turning the camera to a true azimuth and a tilt."""
     from rig.attitude.kinematics import Head, JointAngles, joints_for
     from rig.capture import derive
-    from rig.capture.measure import still_level
-    from rig.capture.standing import measure_standing
+    from rig.capture.averaged_readings import still_level
+    from rig.capture.base_attitude import measure_base
     from rig.devices.connect import connect
 
     if config.compass is None:
         raise GoalError("--azimuth: the configuration has no [compass]; give joint angles, PAN and TILT")
     head = Head.from_config(config)
     with connect(config) as rig:
-        standing = measure_standing(rig)
-        joints = joints_for(azimuth_deg, tilt_deg, standing.attitude, head)
+        base_estimate = measure_base(rig)
+        joints = joints_for(azimuth_deg, tilt_deg, base_estimate.attitude, head)
         state = rig.pan_tilt.go_to(joints.pan_deg, joints.tilt_deg)
         level, _ = still_level(rig, config.inclinometer.average_s)
-    looks = derive.pointing(standing, JointAngles(state.pan_deg, state.tilt_deg), level, head)
+    looks = derive.pointing(base_estimate, JointAngles(state.pan_deg, state.tilt_deg), level, head)
     return {
         "pan_deg": state.pan_deg,
         "tilt_deg": state.tilt_deg,
         "ticks": list(state.ticks),
         "azimuth_deg": looks.azimuth_deg,
-        "azimuth_sigma_deg": derive.azimuth_bias_sigma_deg(config, standing),
+        "azimuth_sigma_deg": derive.azimuth_bias_sigma_deg(config, base_estimate),
         "camera_tilt_deg": looks.tilt_deg,
         "camera_roll_deg": looks.roll_deg,
     }

@@ -1,4 +1,4 @@
-"""Options that several commands of ``rig`` share."""
+"""Options shared by commands of ``rig``."""
 
 from pathlib import Path
 

@@ -32,9 +32,9 @@ def record(context: click.Context, config_file: Path | None, log: Path, command:
     path = config_path(config_file)
     config = load_config(path)
 
-    from rig.devices.wire_log import recording
+    from rig.devices.wire_log import recording_wire_log
 
     os.environ[ENVIRONMENT_VARIABLE] = str(path)
-    with recording(log, config):
+    with recording_wire_log(log, config):
         status = program.main(args=words, prog_name=root.info_name, standalone_mode=False)
     return status if isinstance(status, int) else 0

@@ -1,4 +1,4 @@
-"""Stopping on purpose: the first signal ends the command through its clean-up, further ones do not disturb that."""
+"""Signals of commands: the first one ends the command with clean-up, further ones are ignored."""
 
 import signal
 from collections.abc import Iterator
@@ -9,7 +9,7 @@ from localizer.errors import SkyfixError
 
 
 class TerminatedError(SkyfixError):
-    """The command was told to end; its exit status is the one that shells give for the signal."""
+    """The command was ended by a signal; the exit status is the one that shells use for it."""
 
     def __init__(self, number: int) -> None:
         super().__init__(f"ended by {signal.Signals(number).name}")
@@ -20,8 +20,8 @@ class TerminatedError(SkyfixError):
 def stopping_cleanly() -> Iterator[None]:
     """Turn SIGINT into ``KeyboardInterrupt``, SIGTERM and SIGHUP into ``TerminatedError``, once.
 
-    What follows is the clean-up: torque off, devices closed, nothing half-written. An impatient second signal
-    must not leave the motors on, so it is ignored; every step of the clean-up ends in time by itself.
+    Then the clean-up runs: torque off, devices closed, no partial files. A second signal must not leave the motors on,
+    so it is ignored; every step of the clean-up has a time limit.
     """
     numbers = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
 

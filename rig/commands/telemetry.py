@@ -1,4 +1,4 @@
-"""``rig telemetry``: what is in the MCAP files of rig capture --telemetry."""
+"""``rig telemetry``: inspection and repair of the MCAP files of rig capture --telemetry."""
 
 import json
 from collections import Counter
@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from rig.capture.measure import utc_text
+from rig.capture.averaged_readings import utc_text
 
 file_argument = click.argument("path", metavar="FILE", type=click.Path(path_type=Path, dir_okay=False))
 json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
@@ -29,7 +29,7 @@ def info(path: Path, as_json: bool) -> int:
 
     Example: rig telemetry info session.mcap
     """
-    from rig.telemetry.reading import TelemetryFile
+    from rig.telemetry.reader import TelemetryFile
 
     file = TelemetryFile(path)
     counts: Counter[str] = Counter()
@@ -72,7 +72,7 @@ def mend(path: Path, target: Path, as_json: bool) -> None:
 
     Example: rig telemetry mend session.mcap --out mended.mcap
     """
-    from rig.telemetry.reading import mend as mended
+    from rig.telemetry.reader import mend as mended
 
     count = mended(path, target)
     click.echo(json.dumps({"file": str(target), "messages": count}) if as_json else target)

@@ -16,7 +16,7 @@ from rig.config.load import config_path, load_config
 
 DEVICES = ("head", "inclinometer", "compass", "altimeter", "camera")
 HEARD_S = 15.0
-"""A camera or a port that is absent has said so by then."""
+"""An absent camera or port has failed by then."""
 
 
 @click.command()
@@ -95,7 +95,7 @@ def watch(
 
         try:
             if once or not table:
-                watcher.wait_heard(min(HEARD_S, end_s - time.monotonic()))
+                watcher.wait_first_readings(min(HEARD_S, end_s - time.monotonic()))
             if once:
                 say(show())
             elif table:

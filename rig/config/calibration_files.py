@@ -1,6 +1,6 @@
-"""Calibration files, ``skyfix.calibration/1``: what a calibration found, when, on what, and how well.
+"""Calibration files, ``skyfix.calibration/1``: result, time, device, and quality of the fit.
 
-A calibration holds values for keys of the configuration, and replaces them. What it does not know stays as configured.
+A calibration holds values that replace keys of the configuration. Other keys keep their configured values.
 """
 
 import hashlib
@@ -21,21 +21,21 @@ from rig.errors import RigError
 
 Kind = Literal["camera", "inclinometer", "compass", "altimeter", "boresight"]
 CALIBRATION_ORDER: tuple[Kind, ...] = ("camera", "inclinometer", "compass", "altimeter", "boresight")
-"""In which they are made, each with the ones before it in force."""
+"""The order of the calibrations; each uses the ones before it."""
 
 Triple = tuple[float, float, float]
 Matrix = tuple[Triple, Triple, Triple]
 Positive = Annotated[float, Field(gt=0.0)]
 Values = dict[str, dict[str, Any]]
-"""Sections of the configuration, and keys there."""
+"""Section -> key -> value."""
 
 
 class CalibrationError(RigError):
-    """A calibration is refused, or its file cannot be used; says why and what to do."""
+    """A calibration is rejected, or its file cannot be used; the message says why and what to do."""
 
 
 class _Document(BaseModel):
-    """What all calibrations have: who, when, with which device, on top of which others, and figures about the fit."""
+    """Fields of all calibrations: rig, time, device, the calibrations in force, and figures of the fit."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
@@ -45,15 +45,15 @@ class _Document(BaseModel):
     rig: str
     device: str
     based_on: dict[str, str] = {}
-    """Ids of the calibrations that were in force, by kind."""
+    """Ids, by kind, of the calibrations in force when it was made."""
     fit: dict[str, float | int | str | bool | list[float] | None] = {}
 
     def values(self) -> Values:
-        """The keys of the configuration that are replaced."""
+        """The configuration keys that it replaces."""
         raise NotImplementedError
 
     def made_for(self) -> Mapping[str, Mapping[str, Any] | None]:
-        """What a configuration says of the devices that this is for: keys by section, None for a section that it has not."""
+        """The configuration keys that identify its device, by section; None for a section that must be absent."""
         raise NotImplementedError
 
 
@@ -80,7 +80,7 @@ class CameraCalibration(_Document):
 
 
 class InclinometerCalibration(_Document):
-    """The accelerometer's errors and how it sits in the head (``rig.attitude.accelerometer``)."""
+    """Errors and mounting of the accelerometer (``rig.attitude.accelerometer``)."""
 
     kind: Literal["inclinometer"] = "inclinometer"
     chip: str
@@ -92,7 +92,7 @@ class InclinometerCalibration(_Document):
     zero_temperature_c: float
     tilt_bias_sigma_deg: Positive
     roll_sigma_deg: Positive | None = None
-    """Of a roll, reading and what is left of the zero together; None leaves it as configured."""
+    """Sigma of a roll: reading and residual zero error together. None keeps the configured value."""
 
     def values(self) -> Values:
         keys = [
@@ -108,7 +108,9 @@ class InclinometerCalibration(_Document):
 
 
 class CompassCalibration(_Document):
-    """Iron of the pan stage and of the vehicle: stage field = soft_iron @ field there + hard_iron_ut, likewise in the base."""
+    """Iron of the pan stage and of the vehicle: measured field = soft_iron @ field there + hard_iron_ut, likewise in
+    the base.
+    """
 
     kind: Literal["compass"] = "compass"
     compass: str
@@ -131,7 +133,7 @@ class CompassCalibration(_Document):
 
 
 class AltimeterCalibration(_Document):
-    """The air pressure at a known altitude, and how trust in it fades."""
+    """The air pressure at a known altitude, and how fast the altitude's sigma grows."""
 
     kind: Literal["altimeter"] = "altimeter"
     altimeter: str
@@ -154,9 +156,9 @@ class AltimeterCalibration(_Document):
 
 
 class BoresightCalibration(_Document):
-    """How the camera sits in the head, and what headings lack: their sum was measured, so they go together.
+    """Camera mounting in the head, and the heading offset. Their sum was measured, so they belong together.
 
-    ``covariance_deg2`` is of azimuth (that sum), tilt and roll. The heading's part is None on a rig without a compass.
+    ``covariance_deg2`` is of azimuth (that sum), tilt and roll. ``heading_offset_deg`` is None without a compass.
     """
 
     kind: Literal["boresight"] = "boresight"
@@ -192,14 +194,14 @@ _CALIBRATION: TypeAdapter[Calibration] = TypeAdapter(Calibration)
 
 @dataclass(frozen=True)
 class AppliedCalibration:
-    """A calibration, the name of the file that it was read from, and that file's checksum."""
+    """A calibration in force, its file name and the file's checksum."""
 
     document: Calibration
     file: str
     sha256: str
 
     def record(self) -> dict[str, Any]:
-        """For the bundle: which one it was, and all that is in it."""
+        """For the bundle: id, file, checksum and content."""
         return {
             "id": self.document.id,
             "created": self.document.created.isoformat().replace("+00:00", "Z"),

@@ -1,4 +1,4 @@
-"""A camera's address as it may be shown: without what is secret in it."""
+"""Removes user, password and tokens from camera addresses before they are shown."""
 
 import re
 
@@ -26,14 +26,14 @@ def _without_user(rest: str) -> str:
     if "@" in host:
         return rest[: len(host)].rpartition("@")[2] + rest[len(host) :]
     before, _, after = rest.rpartition("@")
-    # A password with a slash that should have been written %2F: what stands before it is no port.
+    # A password with an unescaped slash (%2F): the text before it is no port.
     if before and ":" in host and not re.fullmatch(r"(\[[^]]*\]|[^:]*):\d{1,5}", host):
         return after
     return rest
 
 
 def without_secrets(message: str, *sources: object) -> str:
-    """A message of somebody else's with the sources in it, and the words before their hosts, as ``shown`` has them."""
+    """A library's message with the sources in it, and credentials before their hosts, as ``shown`` gives them."""
     for source in sources:
         text = str(source)
         if "//" not in text:

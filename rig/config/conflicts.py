@@ -1,4 +1,4 @@
-"""Two keys of a configuration that want the same thing for themselves: a port, a chip, a listening address, a file."""
+"""Detects configuration keys that claim the same port, chip, listening address or file."""
 
 import os
 import re
@@ -15,8 +15,8 @@ _MAVLINK = re.compile(r"(?P<kind>udpout|udpin|tcp):(?P<address>.*:\d{1,5})")
 _ANY_HOST = ("", "0.0.0.0", "::", "*")
 
 
-class _Wish(NamedTuple):
-    """What a key wants: ``what`` is the same for the same thing; ``shown`` is how the file has it."""
+class _Claim(NamedTuple):
+    """A resource claimed by a key: ``what`` is equal for the same resource, ``shown`` is how the file writes it."""
 
     key: str
     what: object
@@ -24,7 +24,7 @@ class _Wish(NamedTuple):
 
 
 def conflicts(config: AllSections) -> Iterator[str]:
-    """A sentence that names both keys for each pair that cannot be."""
+    """One sentence, naming both keys, for each conflict."""
     yield from _serial_ports(config)
     yield from _chips(config)
     if config.run is not None:
@@ -34,16 +34,16 @@ def conflicts(config: AllSections) -> Iterator[str]:
 
 def _serial_ports(config: AllSections) -> Iterator[str]:
     sections = (("pan_tilt", config.pan_tilt), ("compass", config.compass), ("altimeter", config.altimeter))
-    wishes = [
-        _Wish(f"[{name}] port", os.path.realpath(port), port)
+    claims = [
+        _Claim(f"[{name}] port", os.path.realpath(port), port)
         for name, section in sections
         if (port := getattr(section, "port", None)) is not None
     ]
     mavlink = config.run.mavlink if config.run else None
     if mavlink is not None and mavlink.connection.startswith("/"):
         port = mavlink.connection.split(",")[0]
-        wishes.append(_Wish("[run.mavlink] connection", os.path.realpath(port), port))
-    for first, second in _same(wishes):
+        claims.append(_Claim("[run.mavlink] connection", os.path.realpath(port), port))
+    for first, second in _same(claims):
         if {first.key, second.key} == {"[compass] port", "[altimeter] port"}:
             if config.compass and config.altimeter and _baud(config.compass) != _baud(config.altimeter):
                 yield "[compass] and [altimeter] share a port and have another baud each; give both the same"
@@ -61,8 +61,8 @@ def _baud(section: object) -> int | None:
 
 
 def _chips(config: AllSections) -> Iterator[str]:
-    wishes = [
-        _Wish(
+    claims = [
+        _Claim(
             f"[{name}] address",
             (same_bus(section.bus), section.address),
             f"0x{section.address:02X} on {section.bus}",
@@ -70,7 +70,7 @@ def _chips(config: AllSections) -> Iterator[str]:
         for name in ("inclinometer", "compass", "altimeter")
         if hasattr(section := getattr(config, name), "bus")
     ]
-    for first, second in _same(wishes):
+    for first, second in _same(claims):
         yield (
             f"{first.key} and {second.key} are the same, {_both(first, second)}: two chips at one address cannot be told "
             "apart; strap one to its other address, or put it on another bus"
@@ -78,10 +78,10 @@ def _chips(config: AllSections) -> Iterator[str]:
 
 
 def _addresses(run: RunSection) -> Iterator[str]:
-    tcp: list[_Wish] = []
-    udp: list[_Wish] = []
-    to: list[_Wish] = []
-    to_tcp: list[_Wish] = []
+    tcp: list[_Claim] = []
+    udp: list[_Claim] = []
+    to: list[_Claim] = []
+    to_tcp: list[_Claim] = []
     if run.http:
         tcp.append(_at("[run.http] listen", run.http.listen))
     if run.nmea and run.nmea.tcp:
@@ -92,8 +92,8 @@ def _addresses(run: RunSection) -> Iterator[str]:
         to += [_at("[run.nmea] udp", address) for address in run.nmea.udp]
     mavlink = _MAVLINK.fullmatch(run.mavlink.connection) if run.mavlink else None
     if mavlink:
-        wish = _at("[run.mavlink] connection", mavlink["address"])
-        {"udpin": udp, "udpout": to, "tcp": to_tcp}[mavlink["kind"]].append(wish)
+        claim = _at("[run.mavlink] connection", mavlink["address"])
+        {"udpin": udp, "udpout": to, "tcp": to_tcp}[mavlink["kind"]].append(claim)
     for first, second in _overlapping(tcp):
         yield f"{first.key} and {second.key} listen on the same TCP port, {_both(first, second)}; give one another port"
     for first, second in _overlapping(udp):
@@ -115,29 +115,29 @@ def _addresses(run: RunSection) -> Iterator[str]:
 
 
 def _places(config: AllSections) -> Iterator[str]:
-    """Folders and files that are written."""
-    wishes = [_Wish("[rig] bundle_dir", _plain(config.rig.bundle_dir), str(config.rig.bundle_dir))]
+    """Folders and files that are written to."""
+    claims = [_Claim("[rig] bundle_dir", _plain(config.rig.bundle_dir), str(config.rig.bundle_dir))]
     if config.rig.telemetry_dir:
-        wishes.append(
-            _Wish("[rig] telemetry_dir", _plain(config.rig.telemetry_dir), str(config.rig.telemetry_dir))
+        claims.append(
+            _Claim("[rig] telemetry_dir", _plain(config.rig.telemetry_dir), str(config.rig.telemetry_dir))
         )
     run = config.run
     if run is not None:
         spool = run.spool.dir
-        wishes.append(_Wish("[run.spool] dir", _plain(spool), str(spool)))
+        claims.append(_Claim("[run.spool] dir", _plain(spool), str(spool)))
         if run.control:
-            wishes.append(_Wish("[run] control", _plain(run.control), str(run.control)))
+            claims.append(_Claim("[run] control", _plain(run.control), str(run.control)))
         if run.http and run.http.token_file:
-            wishes.append(
-                _Wish("[run.http] token_file", _plain(run.http.token_file), str(run.http.token_file))
+            claims.append(
+                _Claim("[run.http] token_file", _plain(run.http.token_file), str(run.http.token_file))
             )
-        wishes += [_Wish("[run] dem", _plain(file), str(file)) for file in run.dem]
-    wishes += [
-        _Wish(f"[calibration] {kind}", _plain(file), str(file))
+        claims += [_Claim("[run] dem", _plain(file), str(file)) for file in run.dem]
+    claims += [
+        _Claim(f"[calibration] {kind}", _plain(file), str(file))
         for kind in type(config.calibration).model_fields
         if (file := getattr(config.calibration, kind)) is not None
     ]
-    for first, second in _same(wishes):
+    for first, second in _same(claims):
         if {first.key, second.key} == {"[rig] bundle_dir", "[rig] telemetry_dir"}:
             continue  # files beside folders
         if first.key == second.key:
@@ -151,20 +151,20 @@ def _places(config: AllSections) -> Iterator[str]:
             yield f"{first.key} and {second.key} are the same, {_both(first, second)}; give each its own"
 
 
-def _at(key: str, address: str) -> _Wish:
-    return _Wish(key, address, address)
+def _at(key: str, address: str) -> _Claim:
+    return _Claim(key, address, address)
 
 
-def _same(wishes: list[_Wish]) -> Iterator[tuple[_Wish, _Wish]]:
-    return ((a, b) for a, b in combinations(wishes, 2) if a.what == b.what)
+def _same(claims: list[_Claim]) -> Iterator[tuple[_Claim, _Claim]]:
+    return ((a, b) for a, b in combinations(claims, 2) if a.what == b.what)
 
 
-def _overlapping(wishes: list[_Wish]) -> Iterator[tuple[_Wish, _Wish]]:
-    return ((a, b) for a, b in combinations(wishes, 2) if _overlap(a, b))
+def _overlapping(claims: list[_Claim]) -> Iterator[tuple[_Claim, _Claim]]:
+    return ((a, b) for a, b in combinations(claims, 2) if _overlap(a, b))
 
 
-def _overlap(first: _Wish, second: _Wish) -> bool:
-    """Whether two addresses meet. The system chooses another port for each that is 0."""
+def _overlap(first: _Claim, second: _Claim) -> bool:
+    """Whether two addresses overlap. Port 0 never does: the system chooses a free one."""
     (host, port), (other_host, other_port) = host_and_port(first.shown), host_and_port(second.shown)
     if port != other_port or port == 0:
         return False
@@ -172,7 +172,7 @@ def _overlap(first: _Wish, second: _Wish) -> bool:
     return len(hosts) == 1 or not hosts.isdisjoint(_ANY_HOST)
 
 
-def _both(first: _Wish, second: _Wish) -> str:
+def _both(first: _Claim, second: _Claim) -> str:
     return first.shown if first.shown == second.shown else f"{first.shown} and {second.shown}"
 
 

@@ -1,29 +1,29 @@
-"""Directions as an operator names them: letters of the compass rose, or degrees clockwise from true north."""
+"""Parses directions: letters of the compass rose, or degrees clockwise from true north."""
 
 import math
 from dataclasses import dataclass
 
 ROSE = ("N", "NNE", "NE", "ENE", "E", "ESE", "SE", "SSE", "S", "SSW", "SW", "WSW", "W", "WNW", "NW", "NNW")
-LEAST_APART_DEG = 1.0
+MIN_APART_DEG = 1.0
 
 
 @dataclass(frozen=True)
 class Direction:
-    """Where a frame is to be taken: a true azimuth, and the label that names the frame and its file."""
+    """The direction of a frame: a true azimuth, and the label that names the frame and its file."""
 
     label: str
     azimuth_deg: float
 
 
 def parse_directions(names: list[str]) -> list[Direction]:
-    """Directions in the order given. ``ValueError``, one sentence, on nonsense, two alike or none at all."""
+    """Directions in the given order. ``ValueError``, one sentence, for an invalid one, two alike, or none."""
     directions = [parse_direction(name) for name in names]
     if not directions:
         raise ValueError("no directions; give letters (N, NE, ...) or degrees, for example N,E,S,W")
     for i, one in enumerate(directions):
         for other in directions[:i]:
             apart = abs((one.azimuth_deg - other.azimuth_deg + 180.0) % 360.0 - 180.0)
-            if apart < LEAST_APART_DEG:
+            if apart < MIN_APART_DEG:
                 raise ValueError(f"{names[i].strip()!r} is given twice (also as {other.label})")
     return directions
 

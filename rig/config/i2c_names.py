@@ -1,4 +1,4 @@
-"""How a configuration may name an I2C bus: a device file, its number, the adapter's own name, or a bridge."""
+"""Names of I2C buses in a configuration: a device file, its number, an adapter's name, or a bridge."""
 
 import difflib
 import os
@@ -16,11 +16,11 @@ _FORMS = "/dev/i2c-N or tcp://HOST:PORT/BUS"
 
 
 def checked_bus(bus: object) -> object:
-    """What a configuration says, as ``open_i2c`` takes it; ``ValueError``, one sentence, for what cannot be a bus.
+    """A configured bus in the form that ``open_i2c`` takes; ``ValueError``, one sentence, for an impossible one.
 
-    ``1``, ``"1"`` and ``"i2c-1"`` are /dev/i2c-1. A device file may have any name (udev gives others), and an adapter may be
-    named as ``i2cdetect -l`` does, or by its device ("i2c_designware.0"): numbers change with the order in which adapters
-    are found.
+    ``1``, ``"1"`` and ``"i2c-1"`` are /dev/i2c-1. A device file may have any name (udev adds links). An adapter may be
+    named as in ``i2cdetect -l``, or by its device ("i2c_designware.0"): bus numbers change with the order in which
+    adapters are found.
     """
     if isinstance(bus, int) and not isinstance(bus, bool):
         bus = str(bus)
@@ -37,7 +37,7 @@ def checked_bus(bus: object) -> object:
 
 
 def adapter_path(name: str) -> str:
-    """The device file of the adapter whose name is, or contains, ``name``. ``ConfigError`` where none or several do."""
+    """The device file of the adapter whose name contains ``name``. ``ConfigError`` if none or several match."""
     adapters = sysfs.i2c_adapters()
     exact = [number for number, known in adapters.items() if name in (known, sysfs.i2c_parent(number))]
     partly = [number for number, known in adapters.items() if name and name.lower() in known.lower()]
@@ -61,7 +61,7 @@ def adapter_path(name: str) -> str:
 
 
 def same_bus(bus: str) -> str:
-    """What two names of one bus have in common: its device file without links, or the bridge."""
+    """A canonical name for comparison: the device file with links resolved, or the bridge."""
     if not bus.startswith("/") and not BRIDGE_URL.fullmatch(bus):
         try:
             bus = adapter_path(bus)
@@ -74,7 +74,7 @@ def same_bus(bus: str) -> str:
 
 
 def buses_there() -> str:
-    """The buses of this computer, for whoever named one that is not there."""
+    """The buses of this computer, for messages about a missing one."""
     adapters = sysfs.i2c_adapters()
     return f"there is {_listed(list(adapters), adapters)}" if adapters else "there is no I2C bus"
 

@@ -1,7 +1,7 @@
-"""Where the head may not point, and how it gets round that: rectangles in pan and tilt.
+"""Keep-out zones (rectangles in pan and tilt), and routes around them.
 
-The two servos do not keep step, so a move may pass through any pair of angles between its ends: it is clear of a zone
-only where the whole rectangle between its ends is.
+The two servos are not synchronised, so a move may pass through any pair of angles between its ends. It is clear of a
+zone only if the whole rectangle between its ends is.
 """
 
 from collections.abc import Iterator, Sequence
@@ -10,7 +10,7 @@ from typing import Protocol
 
 from rig.errors import GoalError
 
-MARGIN_DEG = 1.0  # droop, play and what a move overshoots
+MARGIN_DEG = 1.0  # droop, backlash and overshoot
 
 Angles = tuple[float, float]
 """Pan and tilt, degrees."""
@@ -30,12 +30,12 @@ class Zone(Protocol):
 
 
 def zone_at(angles: Angles, zones: Sequence[Zone]) -> Zone | None:
-    """The zone that these angles lie in."""
+    """The zone, with its margin, that contains these angles; None if there is none."""
     return _zone_between(angles, angles, zones)
 
 
 def lies_in_a_zone(angles: Angles, zones: Sequence[Zone]) -> bool:
-    """Whether these angles lie in a zone itself, without the margin round it."""
+    """Whether these angles lie in a zone, not counting its margin."""
     return any(
         zone.pan_min_deg < angles[0] < zone.pan_max_deg and zone.tilt_min_deg < angles[1] < zone.tilt_max_deg
         for zone in zones
@@ -43,12 +43,12 @@ def lies_in_a_zone(angles: Angles, zones: Sequence[Zone]) -> bool:
 
 
 def described(zone: Zone) -> str:
-    """The zone as an operator reads it."""
+    """The zone in words for messages."""
     return f"pan {zone.pan_min_deg:g} to {zone.pan_max_deg:g}, tilt {zone.tilt_min_deg:g} to {zone.tilt_max_deg:g} deg"
 
 
 def require_allowed(angles: Angles, zones: Sequence[Zone]) -> None:
-    """Raise ``GoalError`` where the angles lie in a zone."""
+    """Raise ``GoalError`` if the angles lie in a zone or its margin."""
     zone = zone_at(angles, zones)
     if zone:
         raise GoalError(
@@ -58,9 +58,9 @@ def require_allowed(angles: Angles, zones: Sequence[Zone]) -> None:
 
 
 def route(start: Angles, goal: Angles, zones: Sequence[Zone], low: Angles, high: Angles) -> list[Angles]:
-    """The stops on the way from ``start`` to ``goal``, the last of them ``goal``, within the limits ``low`` to ``high``.
+    """Waypoints from ``start`` to ``goal`` (the last one), within the limits ``low`` to ``high``.
 
-    ``GoalError`` where the goal lies in a zone, where the head already stands in one, or where no way round is found.
+    ``GoalError`` if the goal or the present position lies in a zone, or if no route is found.
     """
     if not zones:
         return [goal]
@@ -83,16 +83,16 @@ def route(start: Angles, goal: Angles, zones: Sequence[Zone], low: Angles, high:
 def _ways(
     start: Angles, goal: Angles, zones: Sequence[Zone], low: Angles, high: Angles
 ) -> Iterator[list[Angles]]:
-    """Straight, or with a pan at another tilt, or a tilt at another pan."""
+    """Candidate routes: direct, via another tilt, or via another pan."""
     yield [goal]
-    beside = 2 * MARGIN_DEG
+    clearance_deg = 2 * MARGIN_DEG
     tilts = {start[1], goal[1], low[1], high[1]}
-    tilts |= {z.tilt_min_deg - beside for z in zones} | {z.tilt_max_deg + beside for z in zones}
+    tilts |= {z.tilt_min_deg - clearance_deg for z in zones} | {z.tilt_max_deg + clearance_deg for z in zones}
     for tilt_deg in tilts:
         if low[1] <= tilt_deg <= high[1]:
             yield _without_repeats(start, [(start[0], tilt_deg), (goal[0], tilt_deg), goal])
     pans = {start[0], goal[0], low[0], high[0]}
-    pans |= {z.pan_min_deg - beside for z in zones} | {z.pan_max_deg + beside for z in zones}
+    pans |= {z.pan_min_deg - clearance_deg for z in zones} | {z.pan_max_deg + clearance_deg for z in zones}
     for pan_deg in pans:
         if low[0] <= pan_deg <= high[0]:
             yield _without_repeats(start, [(pan_deg, start[1]), (pan_deg, goal[1]), goal])

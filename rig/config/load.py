@@ -1,4 +1,4 @@
-"""Reads a configuration file, with the calibrations that it names."""
+"""Reads a configuration file and the calibrations that it names."""
 
 import errno
 import os
@@ -18,7 +18,7 @@ ENVIRONMENT_VARIABLE = "SKYFIX_CONFIG"
 
 
 def config_path(given: Path | None, environment: Mapping[str, str] = os.environ) -> Path:
-    """The file of ``--config``, else that of SKYFIX_CONFIG. ``ConfigError`` where neither names one."""
+    """The file of ``--config``, else that of SKYFIX_CONFIG. ``ConfigError`` if neither is given."""
     if given is not None:
         return given
     if environment.get(ENVIRONMENT_VARIABLE):
@@ -29,9 +29,9 @@ def config_path(given: Path | None, environment: Mapping[str, str] = os.environ)
 
 
 def load_config(path: Path) -> RigConfig:
-    """Read and check a configuration file; the paths in it come back relative to the file's folder.
+    """Read and check a configuration file. Relative paths in it are resolved against the file's folder.
 
-    ``ConfigError``, one line, names the file, the section and the key, and for a misspelt key the likely one.
+    ``ConfigError``, one line, names the file, the section and the key; for a misspelt key also the likely one.
     """
     try:
         tables = read_toml(path)
@@ -51,8 +51,8 @@ def load_config(path: Path) -> RigConfig:
         raise ConfigError(
             f"{path}: {joined([wrong_value(each, tables) for each in error.errors()])}"
         ) from error
-    rig = config.rig.beside(path.parent)
-    run = config.run.beside(path.parent) if config.run else None
+    rig = config.rig.resolved_against(path.parent)
+    run = config.run.resolved_against(path.parent) if config.run else None
     config = config.model_copy(update={"rig": rig, "run": run})
     files = [
         (kind, path.parent / file)

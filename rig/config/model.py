@@ -1,4 +1,4 @@
-"""The rig's configuration as a whole: sections that fit each other, and the calibrations that replaced keys of them."""
+"""The whole configuration: consistency between sections, and calibrations that replace keys."""
 
 import logging
 from collections.abc import Iterable, Mapping
@@ -18,7 +18,7 @@ _log = logging.getLogger(__name__)
 
 
 class RigConfig(AllSections):
-    """The whole file. ``calibrations`` are those that have replaced keys of its sections."""
+    """The whole configuration. ``calibrations`` are those that have replaced keys."""
 
     _calibrations: tuple[AppliedCalibration, ...] = PrivateAttr(default=())
 
@@ -57,9 +57,9 @@ class RigConfig(AllSections):
 
 
 def with_calibrations(config: RigConfig, calibrations: Iterable[AppliedCalibration]) -> RigConfig:
-    """The configuration with what calibrations found in place of what its sections say; later ones replace earlier ones.
+    """The configuration with the values of calibrations in place of its own; later ones take precedence.
 
-    ``CalibrationError`` for one that was made with another device than the configuration's.
+    ``CalibrationError`` for one that was made with another device than the configured one.
     """
     in_force = {each.document.kind: each for each in config.calibrations}
     for each in calibrations:
@@ -93,7 +93,7 @@ def with_calibrations(config: RigConfig, calibrations: Iterable[AppliedCalibrati
 
 
 def _misfit(name: str, made_for: Mapping[str, object] | None, section: Section | None) -> str | None:
-    """Why what was made for one section is not for this one; None where it is."""
+    """Why a calibration's device does not match this section; None if it does."""
     if made_for is None or section is None:
         if made_for is None and section is None:
             return None
@@ -102,9 +102,9 @@ def _misfit(name: str, made_for: Mapping[str, object] | None, section: Section |
             + (f"no [{name}]" if section is None else f"a [{name}]")
         )
     there = {key: getattr(section, key, None) for key in made_for}
-    return None if there == made_for else f"is for {_spoken(made_for)}, [{name}] says {_spoken(there)}"
+    return None if there == made_for else f"is for {_described(made_for)}, [{name}] says {_described(there)}"
 
 
-def _spoken(keys: Mapping[str, object]) -> str:
+def _described(keys: Mapping[str, object]) -> str:
     words = [f"{key} {list(value) if isinstance(value, tuple) else value}" for key, value in keys.items()]
     return ", ".join(words)

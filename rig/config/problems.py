@@ -1,4 +1,4 @@
-"""What is wrong with a configuration, in sentences that name the section and the key as the file has them."""
+"""Error messages for a configuration, with section and key named as in the file."""
 
 import difflib
 import re
@@ -16,7 +16,7 @@ Keys = tuple[str, ...]
 
 
 def joined(problems: list[str]) -> str:
-    """All problems in one line: the first few, and how many more there are."""
+    """All problems in one line: the first few, and the number of the others."""
     distinct = list(dict.fromkeys(problems))
     more = len(distinct) - PROBLEMS_NAMED
     return "; ".join(distinct[:PROBLEMS_NAMED]) + (f"; and {more} more" if more > 0 else "")
@@ -39,7 +39,7 @@ def wrong_keys(table: dict[str, Any], model: type[BaseModel], section: Keys = ()
         if key in missing:
             yield f"{_place((*section, key), bool(models))}: missing {_noun(bool(models))}"
         elif key in table and models:
-            # [[section]] may come any number of times
+            # [[section]] may be repeated
             several = get_origin(field.annotation) is tuple and isinstance(table[key], list)
             for each in table[key] if several else [table[key]]:
                 yield from _wrong_keys_in_section(each, models, (*section, key))
@@ -59,7 +59,7 @@ def wrong_value(error: ErrorDetails, tables: dict[str, Any]) -> str:
 
 
 def _most_like(key: str, absent: list[str]) -> list[str]:
-    """What the writer most likely meant, of the keys that are not there yet: one or none."""
+    """The most similar absent key: one or none."""
     starting_alike = [name for name in absent if name.startswith(key)]
     return starting_alike[:1] or difflib.get_close_matches(key, absent, n=1, cutoff=0.6)
 
@@ -80,7 +80,7 @@ def _wrong_keys_in_section(table: Any, models: list[type[BaseModel]], section: K
 
 
 def _found(location: tuple[int | str, ...], tables: dict[str, Any]) -> tuple[Keys, Any]:
-    """Keys and value in the file. Pydantic's location also has branches of unions and places in lists."""
+    """Keys and value in the file. Pydantic's location also contains union branches and list positions."""
     keys: list[str] = []
     value: Any = tables
     for part in location:
@@ -105,7 +105,7 @@ def _noun(is_section: bool) -> str:
 
 
 def _models(annotation: Any) -> list[type[BaseModel]]:
-    """The section models that a field admits: none for a plain value, several where ``kind`` decides."""
+    """The section models of a field: none for a plain value, several if ``kind`` selects one."""
     if isinstance(annotation, type):
         return [annotation] if issubclass(annotation, BaseModel) else []
     return [model for part in get_args(annotation) for model in _models(part)]

@@ -1,4 +1,4 @@
-"""``[run]`` of the configuration: what the daemon does by itself, and where it publishes."""
+"""``[run]`` of the configuration: triggers, search, spool and publishers of the daemon."""
 
 import re
 from pathlib import Path
@@ -44,7 +44,7 @@ class RestTrigger(Section):
     """``[run.rest]``: a capture whenever the vehicle has come to rest after it moved."""
 
     still_s: Seconds = 10.0
-    """At rest is who has been still for so long, ..."""
+    """The vehicle counts as stationary after this time with ..."""
     still_mg: Annotated[float, Field(gt=0.0, le=1000.0)] = 5.0
     """... the accelerometer's standard deviation over a second below this; above it the vehicle moves."""
 
@@ -56,20 +56,20 @@ class OdometryInput(Section):
     speed_sigma_share: Annotated[float, Field(gt=0.0, le=1.0)] = 0.03
     heading_sigma_deg: Annotated[float, Field(gt=0.0, le=180.0)] = 3.0
     require_checksum: bool = True
-    """Of NMEA sentences; UDP has one of its own."""
+    """Whether NMEA sentences need a checksum; UDP has its own."""
     accept_estimated: bool = False
-    """Whether a speed of mode E counts: dead reckoning, which wheels and gyros may well do, and a receiver guesses."""
+    """Whether a speed of mode E (dead reckoning) is used: good from wheels and gyros, a guess from a receiver."""
 
 
 class SearchLimits(Section):
-    """``[run.search]``: what one search may take before it is ended as failed."""
+    """``[run.search]``: limits of one search; beyond them it is ended as failed."""
 
     memory_mb: Annotated[int, Field(ge=256)] = 3000
     time_s: Seconds = 120.0
 
 
 class SpoolSection(Section):
-    """``[run.spool]``: where bundles and fixes are kept, and how much of them."""
+    """``[run.spool]``: folder and quota of the spool of bundles and fixes."""
 
     dir: Annotated[Path, Field(strict=False)] = Path("spool")
     quota_mb: Annotated[int, Field(ge=10)] = 2000
@@ -85,9 +85,9 @@ class NmeaOutput(Section):
     udp: Addresses = ()
     every_s: Annotated[float, Field(ge=0.1, le=60.0)] = 1.0
     valid_s: Seconds = 30.0
-    """A fix is current for so long after its capture; then quality 0 until the next."""
+    """A fix is current for this time after its capture; then quality 0 until the next."""
     quality: Literal[1, 6] = 6
-    """What GGA says of a fix: 6, estimated, or 1, GPS, for programs that take nothing else."""
+    """GGA quality of a fix: 6, estimated, or 1, GPS, for programs that accept nothing else."""
     sentences: Annotated[tuple[SentenceKind, ...], Field(strict=False, min_length=1)] = get_args(SentenceKind)
 
 
@@ -95,27 +95,27 @@ class MavlinkOutput(Section):
     """``[run.mavlink]``: positions for ArduPilot."""
 
     connection: Annotated[str, Field(min_length=1)]
-    """As pymavlink writes it: ``udpout:127.0.0.1:14550``, ``/dev/ttyACM0``, ..."""
+    """A pymavlink connection string: ``udpout:127.0.0.1:14550``, ``/dev/ttyACM0``, ..."""
     baud: Annotated[int, Field(ge=300)] = 115200
     messages: Annotated[
         tuple[Literal["EXTERNAL_POSITION_ESTIMATE", "GPS_INPUT"], ...], Field(strict=False, min_length=1)
     ] = ("EXTERNAL_POSITION_ESTIMATE",)
     valid_s: Seconds = 30.0
-    """A fix that is answered later than so long after its capture is not sent."""
+    """A fix that is computed later than this after its capture is not sent."""
     system_id: Annotated[int, Field(ge=1, le=255)] = 1
     component_id: Annotated[int, Field(ge=1, le=255)] = 197
 
 
 class HttpServer(Section):
-    """``[run.http]``: the page and the programs' interface."""
+    """``[run.http]``: the web page and the HTTP API."""
 
     listen: HostPort = "127.0.0.1:8080"
     token_file: Annotated[Path | None, Field(strict=False)] = None
-    """Holds the token that anything which acts has to show; without one nothing can be done over HTTP, only read."""
+    """File with the token that requests for actions must present. Without it HTTP is read-only."""
     names: Annotated[tuple[str, ...], Field(strict=False)] = ()
-    """By which the machine may be asked beside its host name, localhost and addresses."""
+    """Accepted ``Host`` names in addition to the host name, localhost and addresses."""
     valid_s: Seconds = 30.0
-    """A fix is called current for so long after its capture."""
+    """A fix is current for this time after its capture."""
 
 
 class RunSection(Section):
@@ -123,28 +123,28 @@ class RunSection(Section):
 
     dem: Files
     dem_error_m: Annotated[float, Field(gt=0.0, le=1000.0)] | None = None
-    """One standard deviation of its elevations, where it is known."""
+    """One standard deviation of its elevations, if known."""
     dem_vertical_unit: Annotated[str, AfterValidator(_vertical_unit)] | None = None
     dem_crs: Annotated[str, Field(min_length=1)] | None = None
     dem_nodata: float | None = None
     dem_band: Annotated[int, Field(ge=1)] | None = None
     dem_scale: Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)] | None = None
-    """These five say of the files what they do not say themselves; as the options of ``localizer locate``."""
+    """These five supply what the files do not state themselves, as the options of ``localizer locate``."""
     dem_geoid_offset_m: Annotated[float, Field(gt=-120.0, lt=120.0)] | None = None
-    """The geoid's height above the ellipsoid, where the elevations count from that."""
+    """Height of the geoid above the ellipsoid, if the elevations refer to the geoid."""
     every_s: OptionalSeconds = None
-    """A capture so often; none by the clock where absent."""
+    """Interval of captures; none by time if absent."""
     retry_least_s: Seconds = 1.0
     retry_most_s: Seconds = 60.0
-    """A device that fails is tried again after the first, then after doubling waits up to the second."""
+    """Back-off for a failed device: from the first to the second, doubling."""
     check_every_s: Seconds = 60.0
-    """A device that works is asked so often, between captures, whether it still does."""
+    """Interval of the checks of a working device, between captures."""
     rest: RestTrigger | None = None
     odometry: OdometryInput | None = None
     search: SearchLimits = SearchLimits()
     spool: SpoolSection = SpoolSection()
     control: Annotated[Path | None, Field(strict=False)] = None
-    """The socket of ``rig trigger`` and ``rig status``; ``control.sock`` in the spool where absent."""
+    """Socket of ``rig trigger`` and ``rig status``; ``control.sock`` in the spool if absent."""
     nmea: NmeaOutput | None = None
     mavlink: MavlinkOutput | None = None
     http: HttpServer | None = None
@@ -157,7 +157,7 @@ class RunSection(Section):
 
     @property
     def chosen_dem(self) -> DemChoice:
-        """The elevation files and all that is said of them."""
+        """The elevation files and their options."""
         return DemChoice(
             self.dem,
             self.dem_vertical_unit,
@@ -169,8 +169,8 @@ class RunSection(Section):
             self.dem_geoid_offset_m,
         )
 
-    def beside(self, folder: Path) -> "RunSection":
-        """The same with relative paths taken from ``folder``."""
+    def resolved_against(self, folder: Path) -> "RunSection":
+        """The section with relative paths resolved against ``folder``."""
         http = self.http
         if http is not None and http.token_file is not None:
             http = http.model_copy(update={"token_file": folder / http.token_file})
@@ -185,17 +185,17 @@ class RunSection(Section):
         )
 
 
-def control_in_bad(path: Path) -> Path | None:
-    """The control socket that a configuration names which is bad elsewhere; None where it is bad in this, too.
+def control_socket_of_invalid_config(path: Path) -> Path | None:
+    """The control socket named by a configuration that is otherwise invalid; None if this key is invalid too.
 
-    A daemon that has refused it goes on with the one before, and whoever wants to know why has to reach it.
+    A daemon that rejected it continues with the previous configuration; ``rig status`` must still reach it to show why.
     """
     try:
         named = read_toml(path)["run"]
-        told = {"control": named["control"]} if "control" in named else {}
+        keys = {"control": named["control"]} if "control" in named else {}
         if "dir" in named.get("spool", {}):
-            told["spool"] = {"dir": named["spool"]["dir"]}
-        return RunSection.model_validate({"dem": ["any"], **told}).beside(path.parent).control
+            keys["spool"] = {"dir": named["spool"]["dir"]}
+        return RunSection.model_validate({"dem": ["any"], **keys}).resolved_against(path.parent).control
     except (
         OSError,
         DocumentError,

@@ -1,4 +1,4 @@
-"""What every table of the configuration has in common: no unknown key, no value of another type, no change afterwards."""
+"""Base of all configuration tables: no unknown keys, strict types, immutable."""
 
 from pydantic import BaseModel, ConfigDict
 

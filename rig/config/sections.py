@@ -15,7 +15,7 @@ from rig.config.i2c_names import checked_bus
 from rig.config.run import RunSection
 from rig.config.section import Section
 
-MOST_SOFT_IRON = 0.5
+MAX_SOFT_IRON = 0.5
 
 Rows = tuple[tuple[float, float, float], ...]
 
@@ -34,7 +34,7 @@ def _signed_axes(axes: tuple[str, str, str]) -> tuple[str, str, str]:
 
 def _near_identity(rows: Rows) -> Rows:
     off = max(abs(value - (i == j)) for i, row in enumerate(rows) for j, value in enumerate(row))
-    if off > MOST_SOFT_IRON:
+    if off > MAX_SOFT_IRON:
         raise ValueError(f"three rows of three, close to the identity; one value is {off:.2f} off")
     return rows
 
@@ -57,15 +57,15 @@ Axes = Annotated[tuple[str, str, str], AfterValidator(_signed_axes)]
 
 
 class RigSection(Section):
-    """``[rig]``: what belongs to the installation as a whole."""
+    """``[rig]``: the installation as a whole."""
 
     name: Annotated[str, Field(min_length=1)]
     mast_height_m: Annotated[float, Field(gt=0.0, le=100.0)]
     bundle_dir: Path = Field(default=Path("bundles"), strict=False)
     telemetry_dir: OptionalPath = None
 
-    def beside(self, folder: Path) -> "RigSection":
-        """The same with relative paths taken from ``folder``."""
+    def resolved_against(self, folder: Path) -> "RigSection":
+        """The section with relative paths resolved against ``folder``."""
         telemetry_dir = folder / self.telemetry_dir if self.telemetry_dir else None
         return self.model_copy(
             update={"bundle_dir": folder / self.bundle_dir, "telemetry_dir": telemetry_dir}
@@ -108,7 +108,7 @@ class Servo(Section):
 
 
 class KeepOut(Section):
-    """``[[pan_tilt.keep_out]]``: pan and tilt between these angles at the same time are never driven to or through."""
+    """``[[pan_tilt.keep_out]]``: the head is never moved to or through angles inside both ranges."""
 
     pan_min_deg: Annotated[float, Field(ge=-180.0, le=180.0)] = -180.0
     pan_max_deg: Annotated[float, Field(ge=-180.0, le=180.0)] = 180.0
@@ -232,7 +232,7 @@ class I2cAltimeterSection(_AltimeterSection):
 
 
 class SerialAltimeterSection(_AltimeterSection):
-    """``[altimeter]``: a barometer that talks on a serial port, NMEA (XDR, MDA) or Vaisala PA50."""
+    """``[altimeter]``: a barometer talker on a serial port, NMEA (XDR, MDA) or Vaisala PA50."""
 
     kind: Literal["nmea", "vaisala-pa50"]
     port: Port
@@ -253,7 +253,7 @@ AltimeterSection = I2cAltimeterSection | SerialAltimeterSection
 
 
 class CameraSection(Section):
-    """``[camera]``: where the pictures come from, the lens, and how the camera sits in the head."""
+    """``[camera]``: source of the pictures, lens, and mounting in the head."""
 
     source: Annotated[int | str, BeforeValidator(_camera_source)]
     width_px: Annotated[int, Field(ge=16)]
@@ -289,7 +289,7 @@ class CameraSection(Section):
 
     @property
     def is_local(self) -> bool:
-        """Whether it is a video device of this computer, which is told things by its driver."""
+        """Whether it is a video device of this computer, controlled through its driver."""
         return isinstance(self.source, int) or self.source.startswith("/dev/")
 
     @model_validator(mode="after")
@@ -303,7 +303,7 @@ class CameraSection(Section):
 
 
 class CaptureSection(Section):
-    """``[capture]``: what one capture does."""
+    """``[capture]``: settings of one capture."""
 
     directions: Annotated[tuple[str | float, ...], Field(strict=False)] = ("N", "E", "S", "W")
     base_attitude_pan_angles_deg: Annotated[tuple[Finite, ...], Field(strict=False)] = (
@@ -334,7 +334,7 @@ class CaptureSection(Section):
 
 
 class CalibrationSection(Section):
-    """``[calibration]``: files of ``rig calibrate``, relative to this one; what they found replaces keys of the sections."""
+    """``[calibration]``: files of ``rig calibrate``, relative to this one; their values replace keys of the sections."""
 
     camera: OptionalPath = None
     inclinometer: OptionalPath = None

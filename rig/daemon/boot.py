@@ -1,4 +1,4 @@
-"""Which run of the computer this is: monotonic times of another one mean nothing here; and how old this process is."""
+"""Boot id, time asleep and process age: monotonic times are valid within one boot only."""
 
 import os
 import time
@@ -8,17 +8,17 @@ from pathlib import Path
 
 @cache
 def boot_id() -> str:
-    """The kernel's name for the time since it was started."""
+    """The kernel's id of the present boot."""
     return Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii").strip()
 
 
 def asleep_s() -> float:
-    """How long this run of the computer has been suspended in all: the monotonic clock stands still meanwhile."""
+    """Total time suspended since boot: the monotonic clock stands still meanwhile."""
     return time.clock_gettime(time.CLOCK_BOOTTIME) - time.monotonic()
 
 
 def process_age_s() -> float:
-    """Since the kernel started this process: loading of the interpreter and of its modules included. To 0.01 s."""
+    """Seconds since the kernel started this process, imports included; to 0.01 s."""
     behind_name = Path("/proc/self/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
     ticks = int(behind_name[19])  # starttime is field 22 of proc(5), the state behind the name field 3
     return time.clock_gettime(time.CLOCK_BOOTTIME) - ticks / os.sysconf("SC_CLK_TCK")

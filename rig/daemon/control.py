@@ -1,4 +1,4 @@
-"""The daemon's control socket: one JSON object a line from whoever may write to it, one line back.
+"""The daemon's control socket: one JSON object per line as request, one line as answer.
 
 {"do": "trigger"}   {"answer": "started"}, {"answer": "not ready", "why": "camera: ..."}
 {"do": "status"}    the board, ``skyfix.status/1``
@@ -20,8 +20,8 @@ from pathlib import Path
 from typing import Any
 
 from localizer.documents import DocumentError, json_values
-from rig.daemon.obstacle import reason
-from rig.daemon.state import Actions, Board
+from rig.daemon.readiness import why_not_ready_in_full
+from rig.daemon.state import Actions, DaemonState
 from rig.daemon.status import status_json
 from rig.errors import RigError
 
@@ -29,36 +29,36 @@ _log = logging.getLogger(__name__)
 
 LONGEST_REQUEST = 4096
 LONGEST_ANSWER = 8_000_000
-CLIENT_S = 2.0
-"""Whoever connects has said what he wants and taken the answer within this time, however he spreads it."""
-MOST_CLIENTS = 16
-"""The one that has been there the longest goes when another comes: it has had more time than an honest one needs."""
+CLIENT_TIMEOUT_S = 2.0
+"""Time limit of a client for request and answer together."""
+MAX_CLIENTS = 16
+"""Limit of clients: beyond it the oldest is dropped; it has had more time than a well-behaved client needs."""
 BACKLOG = 128
-"""So many may come at once and wait to be taken in."""
+"""Length of the listen queue."""
 POLL_S = 0.25
 LONGEST_PATH = 107  # sockaddr_un
 
 
 class ControlError(RigError):
-    """The daemon cannot be spoken to."""
+    """The daemon cannot be reached."""
 
 
 @dataclass
 class _Client:
     socket: socket.socket
     until_s: float
-    heard: bytearray = field(default_factory=bytearray)
-    to_say: bytes | None = None
-    """None while it has not asked."""
+    received: bytearray = field(default_factory=bytearray)
+    reply: bytes | None = None
+    """None until the request is complete."""
 
 
 class ControlSocket:
-    """Listens until it is told to stop; its file is there as long as it does. No client waits for another."""
+    """Serves the socket until stopped; the socket's file exists as long. Clients do not block each other."""
 
-    def __init__(self, path: Path, board: Board, actions: Actions) -> None:
-        """``ControlError`` where there can be no socket."""
+    def __init__(self, path: Path, daemon_state: DaemonState, actions: Actions) -> None:
+        """``ControlError`` if the socket cannot be created."""
         self._path = path
-        self._board = board
+        self._state = daemon_state
         self._actions = actions
         self._clients: dict[int, _Client] = {}
         if len(os.fsencode(path)) > LONGEST_PATH:
@@ -66,7 +66,7 @@ class ControlSocket:
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            _take_away_old(path)
+            _remove_stale_socket(path)
             self._socket.bind(str(path))
             path.chmod(0o660)
             self._socket.listen(BACKLOG)
@@ -78,12 +78,12 @@ class ControlSocket:
             ) from error
 
     def close(self) -> None:
-        """Take the socket away."""
+        """Remove the socket."""
         self._socket.close()
         self._path.unlink(missing_ok=True)
 
     def run(self, beat: Callable[[], None], stop: threading.Event) -> None:
-        """Answer until ``stop``: every answer is there at once."""
+        """Serve until ``stop``: every answer is available at once."""
         with selectors.DefaultSelector() as selector:
             selector.register(self._socket, selectors.EVENT_READ)
             while not stop.is_set():
@@ -105,36 +105,36 @@ class ControlSocket:
                 accepted, _ = self._socket.accept()
             except BlockingIOError:
                 return
-            except OSError as error:  # gone again, or no descriptor is left: then it would fail on and on
+            except OSError as error:  # closed again, or out of descriptors, which would repeat endlessly
                 _log.warning("control: a client could not be taken in: %s", error.strerror)
                 stop.wait(POLL_S)
                 return
-            if len(self._clients) >= MOST_CLIENTS:
+            if len(self._clients) >= MAX_CLIENTS:
                 self._drop(selector, min(self._clients.values(), key=lambda client: client.until_s))
             accepted.setblocking(False)
-            client = _Client(accepted, time.monotonic() + CLIENT_S)
+            client = _Client(accepted, time.monotonic() + CLIENT_TIMEOUT_S)
             self._clients[accepted.fileno()] = client
             selector.register(accepted, selectors.EVENT_READ)
             self._serve(
                 selector, client
-            )  # an honest one has asked already, and does not wait behind the others
+            )  # a normal client has sent its request already, and is served at once
 
     def _serve(self, selector: selectors.BaseSelector, client: _Client) -> None:
-        """One step: hear more of the question, or say more of the answer."""
+        """One step of a client: receive more of its request, or send more of the answer."""
         try:
-            if client.to_say is None:
+            if client.reply is None:
                 part = client.socket.recv(LONGEST_REQUEST)
-                client.heard += part
-                if part and b"\n" not in part and len(client.heard) < LONGEST_REQUEST:
+                client.received += part
+                if part and b"\n" not in part and len(client.received) < LONGEST_REQUEST:
                     return
-                client.to_say = json.dumps(self._answer(bytes(client.heard))).encode() + b"\n"
+                client.reply = json.dumps(self._answer(bytes(client.received))).encode() + b"\n"
                 selector.modify(client.socket, selectors.EVENT_WRITE)
-            client.to_say = client.to_say[client.socket.send(client.to_say) :]
+            client.reply = client.reply[client.socket.send(client.reply) :]
         except (BlockingIOError, InterruptedError):
             return
-        except OSError:  # a client that goes away has no use for an answer
-            client.to_say = b""
-        if not client.to_say:
+        except OSError:  # the client has gone
+            client.reply = b""
+        if not client.reply:
             self._drop(selector, client)
 
     def _drop(self, selector: selectors.BaseSelector, client: _Client) -> None:
@@ -145,21 +145,21 @@ class ControlSocket:
     def _answer(self, line: bytes) -> dict[str, Any]:
         try:
             request = json_values(line.split(b"\n", 1)[0], LONGEST_REQUEST)
-            wish = request["do"]
+            request = request["do"]
         except (DocumentError, TypeError, KeyError):
             return {"error": 'give one line of JSON, {"do": "trigger"} or {"do": "status"}'}
-        match wish:
+        match request:
             case "trigger":
                 answer = self._actions.trigger("command")
-                why = {"why": reason(self._board)} if answer == "not ready" else {}
+                why = {"why": why_not_ready_in_full(self._state)} if answer == "not ready" else {}
                 return {"answer": answer, **why}
             case "status":
-                return status_json(self._board.snapshot())
-        return {"error": f"cannot do {wish!r}, only trigger and status"}
+                return status_json(self._state.snapshot())
+        return {"error": f"cannot do {request!r}, only trigger and status"}
 
 
-def _take_away_old(path: Path) -> None:
-    """The socket of a daemon that was killed: the spool's lock says that there is no other. Nothing else is taken away."""
+def _remove_stale_socket(path: Path) -> None:
+    """Remove the socket of a killed daemon: the spool's lock shows that no other daemon runs. Nothing else is removed."""
     with suppress(FileNotFoundError):
         if not stat.S_ISSOCK(path.lstat().st_mode):
             raise ControlError(f"{path}: is something else than a socket; take it away, or see [run] control")
@@ -167,7 +167,7 @@ def _take_away_old(path: Path) -> None:
 
 
 def _connect(daemon: socket.socket, path: Path, until_s: float) -> None:
-    """Where many have come at the same moment a Unix socket takes no more, at once and whatever its timeout: come again."""
+    """Connect with retries: a Unix socket with a full queue refuses at once, whatever its timeout."""
     while True:
         try:
             daemon.connect(str(path))
@@ -179,15 +179,15 @@ def _connect(daemon: socket.socket, path: Path, until_s: float) -> None:
             return
 
 
-def ask(path: Path, wish: str, timeout_s: float = 10.0) -> dict[str, Any]:
-    """What the daemon answers. ``ControlError`` where none listens at ``path``, or it does not answer in time."""
+def ask(path: Path, request: str, timeout_s: float = 10.0) -> dict[str, Any]:
+    """The daemon's answer. ``ControlError`` if none listens at ``path``, or it does not answer in time."""
     until_s = time.monotonic() + timeout_s
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as daemon:
         daemon.settimeout(timeout_s)
         line = b""
         try:
             _connect(daemon, path, until_s)
-            daemon.sendall(json.dumps({"do": wish}).encode() + b"\n")
+            daemon.sendall(json.dumps({"do": request}).encode() + b"\n")
             while b"\n" not in line and len(line) <= LONGEST_ANSWER:
                 daemon.settimeout(max(0.001, until_s - time.monotonic()))
                 part = daemon.recv(1 << 16)

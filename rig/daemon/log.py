@@ -1,7 +1,7 @@
-"""The daemon's log: one line an event, with its values as ``key=value``, on standard error. The same line seldom (``seldom``).
+"""The daemon's log: one line an event on standard error, values as ``key=value``; repeated lines are rate-limited.
 
-Under systemd (``JOURNAL_STREAM`` names standard error) each line begins with its priority, ``<6>`` and the like, and the
-journal knows the time; elsewhere it begins with the time. What other modules log in sentences comes out in the same form.
+Under systemd (``JOURNAL_STREAM`` is standard error) each line begins with its priority, ``<6>`` and the like, and the
+journal adds the time; elsewhere it begins with the time. Messages of other modules get the same form.
 """
 
 import logging
@@ -15,16 +15,18 @@ import structlog
 from structlog.typing import EventDict, WrappedLogger
 
 from rig.clock import utc_now
-from rig.daemon.seldom import Seldom
-from rig.daemon.state import Board
+from rig.daemon.log_rate_limit import RateLimitHandler
+from rig.daemon.state import DaemonState
 
 PRIORITIES = {"critical": 2, "error": 3, "warning": 4, "info": 6, "debug": 7}
-"""Of syslog(3), as sd-daemon(3) wants them in front of a line."""
+"""Priorities of syslog(3), as sd-daemon(3) puts them before a line."""
 
 
 @contextmanager
-def logging_to(board: Board, environment: Mapping[str, str] = os.environ) -> Iterator[None]:
-    """Log to standard error while the context lasts; the board's subscribers hear the same lines as events ``log``."""
+def logging_to(daemon_state: DaemonState, environment: Mapping[str, str] = os.environ) -> Iterator[None]:
+    """Log to standard error while the context lasts; subscribers of the daemon state receive the same lines as events
+    ``log``.
+    """
     before: list[structlog.typing.Processor] = [
         structlog.stdlib.add_log_level,
         structlog.processors.format_exc_info,
@@ -38,21 +40,23 @@ def logging_to(board: Board, environment: Mapping[str, str] = os.environ) -> Ite
     begin = _priority if goes_to_the_journal(environment) else _time
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(_formatter([begin, _line]))
-    seldom = Seldom(handler, _ToBoard(board), tell=partial(board.count, "log lines left out"))
+    rate_limit = RateLimitHandler(
+        handler, _ToDaemonState(daemon_state), on_suppressed=partial(daemon_state.count, "log lines left out")
+    )
     root = logging.getLogger()
-    old, root.handlers = root.handlers, [seldom]
+    old, root.handlers = root.handlers, [rate_limit]
     root.setLevel(logging.INFO)
-    # What was overcome is in the bundle; a bad contact would fill the log with it.
+    # Recovered faults are in the bundle; a bad contact would flood the log with them.
     logging.getLogger("rig.fault_notes").setLevel(logging.WARNING)
     try:
         yield
     finally:
-        seldom.close()
+        rate_limit.close()
         root.handlers = old
 
 
 def goes_to_the_journal(environment: Mapping[str, str]) -> bool:
-    """Whether standard error is the journal's own (systemd.exec(5), ``JOURNAL_STREAM``)."""
+    """Whether standard error is connected to the journal (systemd.exec(5), ``JOURNAL_STREAM``)."""
     stream = environment.get("JOURNAL_STREAM")
     if not stream:
         return False
@@ -60,16 +64,16 @@ def goes_to_the_journal(environment: Mapping[str, str]) -> bool:
     return stream == f"{status.st_dev}:{status.st_ino}"
 
 
-class _ToBoard(logging.Handler):
-    """Lines for whoever follows the events."""
+class _ToDaemonState(logging.Handler):
+    """Passes log lines on as events."""
 
-    def __init__(self, board: Board) -> None:
+    def __init__(self, daemon_state: DaemonState) -> None:
         super().__init__(logging.INFO)
-        self._board = board
+        self._state = daemon_state
         self.setFormatter(_formatter([_line]))
 
     def emit(self, record: logging.LogRecord) -> None:
-        self._board.tell("log", level=record.levelname.lower(), text=self.format(record))
+        self._state.emit("log", level=record.levelname.lower(), text=self.format(record))
 
 
 def _formatter(last: list[structlog.typing.Processor]) -> logging.Formatter:

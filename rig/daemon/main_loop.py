@@ -1,4 +1,4 @@
-"""What the daemon's main thread does with one configuration: captures, and what comes up between them."""
+"""The daemon's main thread with one configuration: captures, and housekeeping between them."""
 
 import queue
 import time
@@ -15,15 +15,17 @@ from rig.config.load import load_config
 from rig.config.model import RigConfig
 from rig.config.run import RunSection
 from rig.daemon.captures import Captures
-from rig.daemon.device_watch import all_tried, obstacle
-from rig.daemon.memory import give_back
+from rig.daemon.device_monitor import all_tried
+from rig.daemon.memory import release_free_heap
 from rig.daemon.named_files import check_named_files
 from rig.daemon.notify import Notifier
 from rig.daemon.odometry.receiver import Odometer
-from rig.daemon.search.loop import Search, restore
+from rig.daemon.readiness import why_not_ready
+from rig.daemon.search.answers import restore
+from rig.daemon.search.locate_loop import LocateLoop
 from rig.daemon.search.process import SearchProcess
-from rig.daemon.spool.spool import ODOMETER, Spool, SpoolError
-from rig.daemon.state import Board, Snapshot, TriggerSource
+from rig.daemon.spool.store import ODOMETER, Spool, SpoolError
+from rig.daemon.state import DaemonState, Snapshot, TriggerSource
 from rig.daemon.triggers import Triggers
 from rig.errors import ConfigError
 
@@ -33,17 +35,17 @@ POLL_S = 0.25
 CLOCK_STEP_S = 1.0
 ODOMETER_EVERY_S = 5.0
 TRYING_S, COMPILING_S = 30.0, 120.0
-"""So long the start waits at most for a device to be tried, and for kernels that have to be compiled."""
+"""Limits of the start: for probing the devices, and for compiling kernels."""
 
-Wanted = TriggerSource | Literal["reload"] | BaseException
-"""A capture to take, a configuration to read, an error to end with."""
-Inbox = queue.SimpleQueue[Wanted]
-"""What the other loops have for the main thread."""
+MainLoopRequest = TriggerSource | Literal["reload"] | BaseException
+"""A capture to take, a configuration to reload, or an error to end with."""
+RequestQueue = queue.SimpleQueue[MainLoopRequest]
+"""Requests of other loops to the main thread."""
 
 
 @dataclass(frozen=True)
-class Following:
-    """The next configuration, and a search process that has read its DEM where that is another one."""
+class NextConfiguration:
+    """The next configuration, and a search process with its DEM loaded if that differs."""
 
     config: RigConfig
     worker: SearchProcess | None
@@ -59,17 +61,17 @@ def run_of(config: RigConfig, path: Path) -> RunSection:
 
 
 def start_worker(run: RunSection) -> SearchProcess:
-    """A search process, which has still to read its DEM."""
+    """Start a search process, which then loads its DEM."""
     return SearchProcess(run.dem, run.search.memory_mb, run.search.time_s, chosen_dem=run.chosen_dem)
 
 
 def _searched(run: RunSection) -> tuple[object, ...]:
-    """What a search process is started with."""
+    """The parameters of a search process."""
     return run.chosen_dem, run.search
 
 
 def worker_with_terrain(run: RunSection, beat: Callable[[], None]) -> SearchProcess:
-    """A search process that has read its DEM. ``SearchFailedError`` where it cannot."""
+    """A search process with its DEM loaded. ``SearchFailedError`` if that fails."""
     worker = start_worker(run)
     worker.beat = beat
     try:
@@ -81,44 +83,44 @@ def worker_with_terrain(run: RunSection, beat: Callable[[], None]) -> SearchProc
 
 
 class MainLoop:
-    """Runs until another configuration is asked for."""
+    """Runs until the configuration is reloaded."""
 
     def __init__(
         self,
         run: RunSection,
         path: Path,
-        board: Board,
+        daemon_state: DaemonState,
         notifier: Notifier,
         triggers: Triggers,
         captures: Captures,
-        search: Search,
+        search: LocateLoop,
         spool: Spool,
         odometer: Odometer | None,
-        inbox: Inbox,
+        requests: RequestQueue,
     ) -> None:
         self._run = run
         self._path = path
-        self._board = board
+        self._state = daemon_state
         self._notifier = notifier
         self._triggers = triggers
         self._captures = captures
         self._search = search
         self._spool = spool
         self._odometer = odometer
-        self._inbox = inbox
+        self._requests = requests
         self._odometer_saved = ""
         self._odometer_due_s = 0.0
         self._status = ""
 
-    def run(self, beat: Callable[[], None], started: Callable[[], None]) -> Following:
-        """Take captures as they are asked for. Raises what another loop ended with.
+    def run(self, beat: Callable[[], None], started: Callable[[], None]) -> NextConfiguration:
+        """Take captures on request. Raises the error of any other loop that ended.
 
-        ``started`` is called when the DEM has been read, all devices have been tried, and the kernels for pictures need not be
-        compiled in this process, which would keep 60 MB for that; so whoever waits for the daemon may ask for a capture then.
-        Devices keep it waiting for ``TRYING_S``, kernels for ``COMPILING_S`` at most. Raises ``SearchFailedError`` before that
-        where the DEM cannot be used.
+        ``started`` is called when the DEM is loaded, all devices have been probed, and the kernels for pictures are
+        compiled elsewhere (in this process they would keep 60 MB): from then on captures can be requested. It waits at
+        most ``TRYING_S`` for devices and ``COMPILING_S`` for kernels. Raises ``SearchFailedError`` before that if the
+        DEM cannot be used.
         """
-        self._board.set_activity("connecting")
+        self._state.set_activity("connecting")
         connecting, begun_s = True, time.monotonic()
         due_s = time.monotonic() if self._run.every_s else None
         while True:
@@ -126,77 +128,77 @@ class MainLoop:
             if connecting and self._search.terrain.done():
                 self._search.terrain.result()
                 waited_s = time.monotonic() - begun_s
-                tried = all_tried(self._board) or waited_s > TRYING_S
+                tried = all_tried(self._state) or waited_s > TRYING_S
                 if tried and (self._search.pictures.done() or waited_s > COMPILING_S):
                     connecting = False
-                    self._board.set_activity("idle")
+                    self._state.set_activity("idle")
                     started()
             self._between_captures()
             if (
                 due_s is not None
                 and not connecting
                 and time.monotonic() >= due_s
-                and obstacle(self._board) is None
+                and why_not_ready(self._state) is None
             ):
                 assert self._run.every_s
                 self._triggers.trigger("interval")
                 due_s = max(due_s + self._run.every_s, time.monotonic())
             try:
-                wish = self._inbox.get(timeout=POLL_S)
+                request = self._requests.get(timeout=POLL_S)
             except queue.Empty:
                 continue
-            if isinstance(wish, BaseException):
-                raise wish
-            if wish == "reload":
+            if isinstance(request, BaseException):
+                raise request
+            if request == "reload":
                 following = self._reload(beat)
                 if following is not None:
                     self._triggers.stop()
                     self._take_started(beat)
                     return following
             else:
-                self._capture(wish, beat)
+                self._capture(request, beat)
 
     def _capture(self, source: TriggerSource, beat: Callable[[], None]) -> None:
         try:
             self._captures.take(source, beat)
         finally:
-            self._board.set_activity("idle")
+            self._state.set_activity("idle")
             self._triggers.done()
         self._search.wake()
-        give_back()
+        release_free_heap()
 
     def give_up(self) -> None:
-        """The daemon ends before a capture that was answered ``started`` has begun."""
-        while (wish := waiting_wish(self._inbox)) is not None:
-            if wish != "reload" and not isinstance(wish, BaseException):
-                self._captures.interrupted(wish)
+        """The daemon ends before a capture that was answered ``started`` began."""
+        while (request := pending_request(self._requests)) is not None:
+            if request != "reload" and not isinstance(request, BaseException):
+                self._captures.interrupted(request)
 
     def _take_started(self, beat: Callable[[], None]) -> None:
-        """A capture that was answered ``started`` while the next configuration was read is still taken, with this one."""
+        """Take a capture that was answered ``started`` during a reload, with the present configuration."""
         again = False
-        while (wish := waiting_wish(self._inbox)) is not None:
-            if isinstance(wish, BaseException):
-                raise wish
-            if wish == "reload":
+        while (request := pending_request(self._requests)) is not None:
+            if isinstance(request, BaseException):
+                raise request
+            if request == "reload":
                 again = True  # the file may have changed since it was read
             else:
-                self._capture(wish, beat)
+                self._capture(request, beat)
         if again:
-            self._inbox.put("reload")
+            self._requests.put("reload")
 
-    def _reload(self, beat: Callable[[], None]) -> Following | None:
-        """The configuration of the file as it is now; None where it is bad, and the one in force stays."""
+    def _reload(self, beat: Callable[[], None]) -> NextConfiguration | None:
+        """Reload the configuration file; None if it is invalid, and the present one stays."""
         self._notifier.reloading()
         try:
             config = load_config(self._path)
             run = run_of(config, self._path)
             same = _searched(run) == _searched(self._run)
             if same:
-                return Following(config, None)
+                return NextConfiguration(config, None)
             check_named_files(run, self._path)
-            return Following(config, worker_with_terrain(run, beat))
+            return NextConfiguration(config, worker_with_terrain(run, beat))
         except SkyfixError as error:
-            refused(self._board, str(error))
+            refused(self._state, str(error))
             self._notifier.ready(self._status)
             return None
 
@@ -205,10 +207,10 @@ class MainLoop:
             _log.warning("wall clock stepped", by_s=round(clock.step_s(), 1))
             clock.begin_session()
             try:
-                restore(self._board, self._spool)
+                restore(self._state, self._spool)
             except SpoolError as error:
                 _log.error("spool fails", problem=str(error))
-        status = status_line(self._board.snapshot())
+        status = status_line(self._state.snapshot())
         if status != self._status:
             self._status = status
             self._notifier.status(status)
@@ -221,30 +223,32 @@ class MainLoop:
 
 
 def keep_odometer(spool: Spool, odometer: Odometer) -> None:
-    """Remember the way for a restart."""
+    """Save the odometer's state for a restart."""
     try:
         spool.remember(ODOMETER, odometer.to_json())
     except SpoolError as error:
         _log.error("spool fails", problem=str(error))
 
 
-def waiting_wish(inbox: Inbox) -> Wanted | None:
-    """What is in the inbox already; None where there is nothing."""
+def pending_request(requests: RequestQueue) -> MainLoopRequest | None:
+    """The next pending request; None if there is none."""
     try:
-        return inbox.get_nowait()
+        return requests.get_nowait()
     except queue.Empty:
         return None
 
 
-def refused(board: Board, problem: str) -> None:
-    """Say that a new configuration is not taken, and why."""
-    board.count("configurations refused")
-    board.tell("status", configuration="refused", reason=problem)
+def refused(daemon_state: DaemonState, problem: str) -> None:
+    """Record that a new configuration was refused, and why."""
+    daemon_state.count("configurations refused")
+    daemon_state.emit("status", configuration="refused", reason=problem)
     _log.error("configuration refused", problem=problem, kept="the one in force")
 
 
 def status_line(snapshot: Snapshot) -> str:
-    """How the daemon is, for people: what it does, what ails it, and the last fix with its time, which does not grow old."""
+    """Status line for the service manager: activity, faults, and the last fix with its time (an age would become
+    outdated).
+    """
     parts: list[str] = [snapshot.activity]
     if wrong := clock.problem():
         parts.append(wrong)

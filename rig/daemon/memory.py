@@ -1,4 +1,4 @@
-"""Gives memory back to the system that the C library keeps after something large, in case it happens again at once."""
+"""Returns free heap memory to the system, which the C library keeps after large allocations."""
 
 import ctypes
 from collections.abc import Callable
@@ -10,8 +10,8 @@ def _trim() -> Callable[[int], int] | None:
     return getattr(ctypes.CDLL(None), "malloc_trim", None)  # glibc's; other C libraries have none
 
 
-def give_back() -> None:
-    """Some milliseconds of work: for afterwards, not for in between."""
+def release_free_heap() -> None:
+    """Takes some milliseconds: call it after the work, not during."""
     trim = _trim()
     if trim is not None:
         trim(0)

@@ -1,4 +1,4 @@
-"""Files and folders that ``[run]`` names, looked at when the configuration is read: before a device is spoken to."""
+"""Checks the files and folders named in ``[run]`` when the configuration is read, before any device is used."""
 
 import os
 import stat
@@ -7,12 +7,12 @@ from pathlib import Path
 from localizer.dem.names import is_gdal_name
 from rig.bundle.writer import existing_part
 from rig.config.run import RunSection
-from rig.daemon.http.guard import read_token
+from rig.daemon.http.access_control import read_token
 from rig.errors import ConfigError
 
 
 def check_named_files(run: RunSection, config_path: Path) -> None:
-    """``ConfigError`` names the configuration, the key, the file and what to do."""
+    """``ConfigError`` names the configuration file, the key, the file and what to do."""
     check_dem(run, config_path)
     for key, folder in (
         ("[run.spool] dir", run.spool.dir),
@@ -33,7 +33,7 @@ def check_named_files(run: RunSection, config_path: Path) -> None:
 
 
 def check_dem(run: RunSection, config_path: Path) -> None:
-    """The same of the elevation files alone. What only GDAL can find, inside an archive or a database, is left to it."""
+    """The same for the elevation files alone. Names inside archives or databases are left to GDAL."""
     for file in run.dem:
         if is_gdal_name(str(file)):
             continue

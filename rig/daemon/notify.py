@@ -1,7 +1,7 @@
-"""What the service manager is told: systemd's notification protocol, one datagram for each state.
+"""systemd's notification protocol: one datagram to the service manager for each state.
 
-The protocol is in sd_notify(3): lines ``KEY=VALUE`` to the socket that ``NOTIFY_SOCKET`` names, an address that begins with
-``@`` being in the abstract namespace. Without the variable nobody listens and nothing is sent.
+The protocol is in sd_notify(3): lines ``KEY=VALUE`` to the socket in ``NOTIFY_SOCKET``; an address that begins with
+``@`` is in the abstract namespace. Without the variable nothing is sent.
 """
 
 import logging
@@ -16,14 +16,13 @@ from rig.errors import RigError
 _log = logging.getLogger(__name__)
 
 SEND_TIMEOUT_S = 1.0
-"""A manager that is too busy to take a datagram must not hold the daemon up for longer."""
+"""A busy manager must not block the daemon for longer."""
 
 
 class Notifier:
-    """Tells the service manager how the daemon is; to be used from any thread.
+    """Sends the daemon's state to the service manager. Thread-safe.
 
-    A state that cannot be delivered is told in the log and otherwise left at that: the daemon's work is worth more, and
-    a manager that hears nothing acts by itself.
+    An undelivered state is only logged: the daemon continues, and a manager that hears nothing acts by itself.
     """
 
     def __init__(self, address: str | None, watchdog_s: float | None = None) -> None:
@@ -36,26 +35,26 @@ class Notifier:
         """How often the manager wants to hear ``watchdog`` at least; None where it does not watch."""
 
     def ready(self, status: str) -> None:
-        """The daemon has started, or has done with re-reading its configuration."""
+        """The daemon has started or finished a reload."""
         self._status = status
         self._send("READY=1", _status_line(status))
 
     def status(self, text: str) -> None:
-        """How the daemon is, in one line for people."""
+        """A status line."""
         self._status = text
         self._send(_status_line(text))
 
     def reloading(self) -> None:
-        """The configuration is being read again; ``ready`` follows in any case."""
+        """A reload has begun; ``ready`` follows in any case."""
         now_us = time.clock_gettime_ns(time.CLOCK_MONOTONIC) // 1000
         self._send("RELOADING=1", f"MONOTONIC_USEC={now_us}", _status_line("reading the configuration again"))
 
     def stopping(self, status: str) -> None:
-        """The daemon ends; nothing is sent after that. From here on the manager's time limit for stopping counts."""
+        """The daemon ends; nothing is sent afterwards. The manager's stop timeout starts now."""
         self._send("STOPPING=1", _status_line(status), last=True)
 
     def progress(self) -> None:
-        """Every part of the daemon gets on with its work."""
+        """All heartbeats are on time: reset the watchdog."""
         self._send("WATCHDOG=1")
 
     def trouble(self, text: str) -> None:
@@ -86,9 +85,9 @@ class Notifier:
 
 
 def notifier_of(environment: Mapping[str, str]) -> Notifier:
-    """The notifier for the manager that started this process, by the variables it set.
+    """The notifier for the manager that started this process, from its environment variables.
 
-    Raises ``RigError`` where they make no sense.
+    Raises ``RigError`` if they are invalid.
     """
     address = environment.get("NOTIFY_SOCKET") or None
     if address and address[0] not in "/@":
@@ -99,7 +98,7 @@ def notifier_of(environment: Mapping[str, str]) -> Notifier:
 
 
 def _watchdog_s(environment: Mapping[str, str]) -> float | None:
-    """sd_watchdog_enabled(3): a watchdog that is meant for another process is none."""
+    """The watchdog's timeout by sd_watchdog_enabled(3); one meant for another process does not count."""
     interval, process = environment.get("WATCHDOG_USEC"), environment.get("WATCHDOG_PID")
     if not interval or (process and process != str(os.getpid())):
         return None

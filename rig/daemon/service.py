@@ -1,4 +1,4 @@
-"""The daemon from its start to its end: one configuration after the other."""
+"""The daemon from start to end: one configuration after the other."""
 
 import os
 import time
@@ -11,47 +11,50 @@ from localizer.errors import SkyfixError
 from rig.config.load import load_config
 from rig.config.model import RigConfig
 from rig.daemon.boot import process_age_s
+from rig.daemon.heartbeat import watchdog
 from rig.daemon.log import logging_to
 from rig.daemon.main_loop import refused, run_of, status_line
 from rig.daemon.named_files import check_named_files
 from rig.daemon.notify import notifier_of
-from rig.daemon.progress import watchdog
-from rig.daemon.session import Shared, session
-from rig.daemon.state import Board
-from rig.daemon.stopping import Signals, StopRequestedError
+from rig.daemon.runtime import DaemonContext, run_configuration
+from rig.daemon.signals import Signals, StopRequestedError
+from rig.daemon.state import DaemonState
 
 _log = structlog.get_logger(__name__)
 
 
 def serve(path: Path, environment: Mapping[str, str] = os.environ) -> None:
-    """Run until SIGTERM or SIGINT. ``SkyfixError`` where it cannot start: nothing has moved then."""
+    """Run until SIGTERM or SIGINT. ``SkyfixError`` if it cannot start; nothing has moved then."""
     config = load_config(path)
     check_named_files(run_of(config, path), path)
     notifier = notifier_of(environment)
-    board = Board()
-    with logging_to(board, environment), Signals() as signals:
-        shared = Shared(path, board, signals, notifier)
+    daemon_state = DaemonState()
+    with logging_to(daemon_state, environment), Signals() as signals:
+        shared = DaemonContext(path, daemon_state, signals, notifier)
 
         def started(seconds: float) -> None:
-            notifier.ready(status_line(board.snapshot()))
+            notifier.ready(status_line(daemon_state.snapshot()))
             _log.info("ready", seconds=round(seconds, 2), config=str(path))
 
         try:
-            with watchdog(shared.loops, notifier):
-                _sessions(config, shared, started)
+            with watchdog(shared.heartbeats, notifier):
+                _run_configurations(config, shared, started)
         except StopRequestedError:
             notifier.stopping("ended on request")
-            board.set_activity("stopping")
+            daemon_state.set_activity("stopping")
             _log.info("ended", reason="on request")
         finally:
             if shared.worker:
                 shared.worker.close()
 
 
-def _sessions(config: RigConfig, shared: Shared, tell_started: Callable[[float], None]) -> None:
-    """A session after the other. One that cannot start after another has run is refused, and the other one goes on.
+def _run_configurations(
+    config: RigConfig, shared: DaemonContext, tell_started: Callable[[float], None]
+) -> None:
+    """Run one configuration after the other. One that cannot start after another has run is refused, and the previous
+    one continues.
 
-    ``tell_started`` is told how many seconds a session took until it ran; the first counts from the start of the process.
+    ``tell_started`` gets the seconds until a configuration ran; the first counts from the start of the process.
     """
     in_force: RigConfig | None = None
     runs = False
@@ -65,12 +68,12 @@ def _sessions(config: RigConfig, shared: Shared, tell_started: Callable[[float],
     while True:
         runs = False
         try:
-            config = session(config, shared, started)
+            config = run_configuration(config, shared, started)
             begun_s = time.monotonic()
             _log.info("configuration read anew", config=str(shared.path))
         except SkyfixError as error:
             if runs or in_force is None or config is in_force:
                 raise
             begun_s = time.monotonic()
-            refused(shared.board, str(error))
+            refused(shared.daemon_state, str(error))
             config = in_force

@@ -1,8 +1,8 @@
-"""Servos that have shut down are restarted: a branch that held the head for a moment does not end the day.
+"""Restarts servos after a hardware shutdown, such as an overload from a branch against the head.
 
-A Dynamixel takes its torque off after an overload, an overheating or a voltage out of range, and keeps it off until an
-instruction or its power restarts it. What held it may still be there: restarts grow rarer, and after a few without a capture
-that worked they end. An encoder fault and an electrical shock are not tried: who restarts after those may burn something.
+A Dynamixel switches its torque off after overload, overheating or a voltage out of range, until it is rebooted or
+power-cycled. The cause may persist: restarts back off, and stop after a few without a successful capture. Encoder
+faults and electrical shocks are not reset, as that may cause damage.
 """
 
 import time
@@ -21,25 +21,25 @@ from rig.errors import RigError
 
 _log = structlog.get_logger(__name__)
 
-PASSING = 0x01 | 0x04 | 0x20
+RECOVERABLE = 0x01 | 0x04 | 0x20
 """Bits of the hardware error status: input voltage, overheated, overload."""
 WAITS_S = 10.0, 60.0, 360.0
-"""From the first sight of an error to a restart: the first, the second and the last without a capture that worked."""
+"""Wait from an error to the first, the second and the last restart without a successful capture."""
 
 
 def restart_servos(section: PanTiltSection) -> list[str]:
-    """Restart the servos that have shut down for what may pass; returns which, with their errors.
+    """Reboot the servos with recoverable errors; returns which, with their errors.
 
-    They are without torque then. Raises ``RigError``, also where one was turned beyond one turn by hand: a restart would forget
-    that it was.
+    Their torque is off then. Raises ``RigError``, also if one was turned beyond one turn by hand: a reboot would lose
+    the turn count.
     """
     restarted = []
     with closing(ServoBus(SerialPort(section.port, section.baud))) as bus:
         for name, joint in (("pan", section.pan), ("tilt", section.tilt)):
             servo = Servo(bus, joint.id, joint.model, name)
-            retry(servo.answer_everything)
+            retry(servo.set_status_return_all)
             status = retry(partial(servo.read, "Hardware Error Status"))
-            if status and not status & ~PASSING:
+            if status and not status & ~RECOVERABLE:
                 errors = retry(servo.hardware_errors)
                 servo.require_one_turn(retry(partial(servo.read, "Present Position")))
                 retry(partial(bus.reboot, joint.id))
@@ -49,7 +49,7 @@ def restart_servos(section: PanTiltSection) -> list[str]:
 
 
 class ServoRestarts:
-    """When to restart. For one thread, which has the head to itself."""
+    """Schedules restarts. For one thread that holds the head."""
 
     def __init__(self, restart: Callable[[], Sequence[str]], waits_s: Sequence[float] = WAITS_S) -> None:
         self._restart = restart
@@ -57,8 +57,8 @@ class ServoRestarts:
         self._done = 0
         self._seen_s: float | None = None
 
-    def hindered(self) -> Sequence[str]:
-        """The head has a hardware error at this moment; returns what was restarted for it."""
+    def hardware_error_seen(self) -> Sequence[str]:
+        """The head has a hardware error now; returns what was restarted."""
         now_s = time.monotonic()
         if self._seen_s is None:
             self._seen_s = now_s
@@ -75,12 +75,12 @@ class ServoRestarts:
             _log.warning("servos restarted", why="; ".join(restarted), left=len(self._waits_s) - self._done)
         return restarted
 
-    def fine(self) -> None:
-        """The head has no hardware error at this moment."""
+    def healthy(self) -> None:
+        """The head has no hardware error now."""
         self._seen_s = None
 
-    def worked(self) -> None:
-        """A capture moved the head: what was, is over."""
+    def capture_succeeded(self) -> None:
+        """A capture succeeded: reset the schedule."""
         self._done = 0
 
     @property

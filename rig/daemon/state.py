@@ -1,7 +1,7 @@
-"""What the daemon knows at this moment: whoever finds something out puts it here, whoever publishes reads it here.
+"""The daemon's shared state: updated by its loops, read by its publishers.
 
-One board per daemon, used from many threads. A snapshot is immutable and never waits for a device; subscribers get
-each event once, in order, and one that does not keep up loses the oldest ones and is told how many.
+One ``DaemonState`` per daemon, thread-safe. A snapshot is immutable and never blocks on a device. Subscribers get each
+event once, in order; a slow one loses the oldest events and is told how many.
 """
 
 import dataclasses
@@ -21,11 +21,11 @@ from rig.clock import Instant
 from rig.daemon.boot import asleep_s
 
 EVENTS_WAITING = 256
-SLEPT_S = 1.0
-"""Less is a difference of clocks."""
+MIN_SUSPEND_S = 1.0
+"""Shorter ones are clock differences."""
 
 TriggerSource = Literal["interval", "rest", "command", "http", "signal", "found"]
-"""``found``: a bundle that lay in the spool, and nothing tells why it was taken."""
+"""``found``: a bundle found in the spool without a known trigger."""
 TriggerAnswer = Literal["started", "busy", "not ready", "stopping"]
 DeviceState = Literal["absent", "connecting", "ok", "failing"]
 Activity = Literal["starting", "connecting", "idle", "capturing", "stopping"]
@@ -34,18 +34,18 @@ EventKind = Literal["status", "device", "trigger", "capture", "answer", "log"]
 
 @dataclass(frozen=True)
 class DeviceHealth:
-    """One device: ``absent`` is one that the configuration does not have, ``failing`` one that should be there."""
+    """State of one device: ``absent`` is not configured, ``failing`` is configured and not working."""
 
     name: str
     state: DeviceState
     detail: str
-    """Identity where it works, else the fault in one line."""
+    """Identity of a working device, else its fault in one line."""
     since: Instant
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What one bundle came to. Its position is of the moment of the capture, not of the answer."""
+    """The answer to one bundle. Its position is that at the time of the capture, not of the answer."""
 
     bundle: str
     captured: Instant
@@ -61,14 +61,14 @@ class Answer:
     """Of the vehicle's forward axis, from true north, corrected by the solved azimuth bias."""
     vehicle_heading_sigma_deg: float | None
     before_start: bool = False
-    """Captured before the daemon began: nobody watched meanwhile whether the vehicle moved, so it is never current."""
+    """Captured before the daemon started: motion since then is unknown, so it is never current."""
     wgs84_accuracy_m: float = 0.0
-    """What latitude and longitude are the more uncertain by than easting and northing: the way from the DEM's datum."""
+    """Additional uncertainty of latitude and longitude from the transformation of the DEM's datum."""
 
 
 @dataclass(frozen=True)
 class Event:
-    """Something that happened; ``data`` are JSON values."""
+    """An event; ``data`` are JSON values."""
 
     number: int
     kind: EventKind
@@ -78,7 +78,7 @@ class Event:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """Everything at one moment. ``counts``: what has happened so often since the start, by name."""
+    """The whole state at one time. ``counts``: number of events since the start, by name."""
 
     started: Instant
     activity: Activity
@@ -95,39 +95,39 @@ class Snapshot:
     storage: str | None = None
     """Why the spool takes no further bundle; None where it does."""
     moved: Instant | None = None
-    """When the vehicle was last seen to move, or the computer slept: at rest since then, as far as anybody watches."""
+    """When the vehicle last moved, as far as known, or the computer was suspended."""
     counts: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
 
     @property
     def degraded(self) -> bool:
-        """Whether a device that should work does not."""
+        """Whether a configured device fails."""
         return any(device.state in ("connecting", "failing") for device in self.devices)
 
 
 class Actions(Protocol):
-    """What publishers may ask of the daemon."""
+    """Actions that publishers may request."""
 
     def trigger(self, source: TriggerSource) -> TriggerAnswer:
-        """Ask for a capture; answered at once, nothing is queued."""
+        """Request a capture; answered at once, nothing is queued."""
         ...
 
 
 class Subscription:
-    """The events after its beginning, for one reader."""
+    """The events since its start, for one reader."""
 
     def __init__(self) -> None:
         self._events: queue.Queue[Event] = queue.Queue(EVENTS_WAITING)
         self.lost = 0
 
     def get(self, timeout_s: float) -> Event | None:
-        """The next event; None where there is none in time."""
+        """The next event; None after the timeout."""
         try:
             return self._events.get(timeout=timeout_s)
         except queue.Empty:
             return None
 
     def put(self, event: Event) -> None:
-        """Take an event in; of one writer at a time."""
+        """Add an event; for one writer at a time."""
         while True:
             try:
                 self._events.put_nowait(event)
@@ -140,8 +140,8 @@ class Subscription:
                     continue
 
 
-class Board:
-    """See the module."""
+class DaemonState:
+    """The daemon's shared state; see the module."""
 
     def __init__(self) -> None:
         now = Instant.now()
@@ -154,89 +154,89 @@ class Board:
         self._asleep_s = asleep_s()
 
     def snapshot(self) -> Snapshot:
-        """The state at this moment."""
+        """The present state."""
         with self._lock:
-            self._note_sleep()
+            self._note_suspend()
             counts = MappingProxyType(dict(self._counts))
             return dataclasses.replace(self._now, devices=tuple(self._devices.values()), counts=counts)
 
-    def _note_sleep(self) -> None:
-        """A computer that was suspended has watched nothing, and its monotonic clock, which ages go by, stood still."""
+    def _note_suspend(self) -> None:
+        """Detect a suspend: motion was not observed, and the monotonic clock stood still."""
         now_s = asleep_s()
-        if now_s - self._asleep_s > SLEPT_S:
+        if now_s - self._asleep_s > MIN_SUSPEND_S:
             self._asleep_s = now_s
             self._now = dataclasses.replace(self._now, moved=Instant.now())
             self._counts["times asleep"] += 1
 
     def set_activity(self, activity: Activity) -> None:
-        """Say what the daemon does from now on; the same again is no event."""
+        """Set the activity; no event if unchanged."""
         with self._lock:
             if activity != self._now.activity:
                 self._now = dataclasses.replace(self._now, activity=activity, activity_since=Instant.now())
-                self._tell("status", {"activity": activity})
+                self._emit("status", {"activity": activity})
 
     def set_locating(self, bundle: str | None) -> None:
-        """Say which bundle is being searched for; the same again is no event."""
+        """Set the bundle being located; no event if unchanged."""
         with self._lock:
             if bundle != self._now.locating:
                 self._now = dataclasses.replace(self._now, locating=bundle)
-                self._tell("status", {"locating": bundle})
+                self._emit("status", {"locating": bundle})
 
     def set_waiting(self, bundles: int) -> None:
-        """Say how many bundles have not been located yet; the same again is no event."""
+        """Set the number of waiting bundles; no event if unchanged."""
         with self._lock:
             if bundles != self._now.waiting:
                 self._now = dataclasses.replace(self._now, waiting=bundles)
-                self._tell("status", {"waiting": bundles})
+                self._emit("status", {"waiting": bundles})
 
     def set_storage(self, problem: str | None) -> None:
-        """Say why the spool takes no further bundle, None where it does; the same again is no event."""
+        """Set why the spool accepts no bundle, None if it does; no event if unchanged."""
         with self._lock:
             if problem != self._now.storage:
                 self._now = dataclasses.replace(self._now, storage=problem)
-                self._tell("status", {"storage": problem})
+                self._emit("status", {"storage": problem})
 
     def set_device(self, name: str, state: DeviceState, detail: str) -> None:
-        """Say how a device is; the same again is no event, and keeps the time since when."""
+        """Set a device's state; if unchanged there is no event, and ``since`` stays."""
         with self._lock:
             before = self._devices.get(name)
             if before is None or (before.state, before.detail) != (state, detail):
                 since = before.since if before and before.state == state else Instant.now()
                 self._devices[name] = DeviceHealth(name, state, detail, since)
-                self._tell("device", {"name": name, "state": state, "detail": detail})
+                self._emit("device", {"name": name, "state": state, "detail": detail})
 
     def set_answer(self, answer: Answer) -> None:
-        """Say what a bundle came to."""
+        """Set the answer to a bundle."""
         with self._lock:
             is_fix = answer.fix.status == "fix"
             last_fix = answer if is_fix else self._now.last_fix
             self._now = dataclasses.replace(self._now, last=answer, last_fix=last_fix)
             self._counts[f"answers {answer.fix.status}"] += 1
-            self._tell("answer", {"bundle": answer.bundle, "status": answer.fix.status, "mode": answer.mode})
+            self._emit("answer", {"bundle": answer.bundle, "status": answer.fix.status, "mode": answer.mode})
 
     def restore(self, last: Answer, last_fix: Answer | None) -> None:
-        """Take over what was known before a restart. No event, and nothing to count: it has happened already."""
+        """Restore answers from before a restart; without event or count."""
         with self._lock:
             self._now = dataclasses.replace(self._now, last=last, last_fix=last_fix)
 
     def set_moving(self) -> None:
-        """Say that the vehicle moves at this moment; no event, for it may be said many times a second."""
+        """Record that the vehicle moves now; no event, as it may be called many times a second."""
         with self._lock:
             self._now = dataclasses.replace(self._now, moved=Instant.now())
 
     def count(self, what: str, by: int = 1) -> None:
-        """Count something that happened."""
+        """Increase a counter."""
         with self._lock:
             self._counts[what] += by
 
-    def tell(self, kind: EventKind, **data: Any) -> None:
-        """Tell the subscribers of something that leaves the state as it is."""
+    def emit(self, kind: EventKind, **data: Any) -> None:
+        """Send an event that does not change the state."""
         with self._lock:
-            self._tell(kind, data)
+            self._emit(kind, data)
 
     @contextmanager
     def subscribed(self) -> Iterator[Subscription]:
-        """The events from now on, while the context lasts."""
+        """Subscribe to events while the context lasts."""
         subscription = Subscription()
         with self._lock:
             self._subscriptions.append(subscription)
@@ -246,7 +246,7 @@ class Board:
             with self._lock:
                 self._subscriptions.remove(subscription)
 
-    def _tell(self, kind: EventKind, data: Mapping[str, Any]) -> None:
+    def _emit(self, kind: EventKind, data: Mapping[str, Any]) -> None:
         self._events += 1
         event = Event(self._events, kind, Instant.now(), data)
         for subscription in self._subscriptions:

@@ -1,21 +1,21 @@
-"""The board as JSON values and as lines for people."""
+"""The daemon state as JSON values and as text."""
 
 import math
 from typing import Any
 
 import numpy as np
 
-from rig.capture.measure import utc_text
+from rig.capture.averaged_readings import utc_text
 from rig.clock import Instant
 from rig.daemon.state import Answer, Snapshot
 from rig.version import package_version
 
 BEGINNING = "starting", "connecting"
-"""While it does this, no device has failed yet that does not work."""
+"""Activities during which a device that does not work has not failed yet."""
 
 
 def status_json(snapshot: Snapshot) -> dict[str, Any]:
-    """``skyfix.status/1``: everything that the board has, ages in seconds by the monotonic clock."""
+    """``skyfix.status/1``: the whole daemon state, ages in seconds by the monotonic clock."""
     now = Instant.now()
     return {
         "schema": "skyfix.status/1",
@@ -43,7 +43,7 @@ def status_json(snapshot: Snapshot) -> dict[str, Any]:
 
 
 def answer_json(answer: Answer | None, now: Instant) -> dict[str, Any] | None:
-    """An answer, and how old its position is."""
+    """An answer with the age of its position."""
     if answer is None:
         return None
     return {
@@ -63,7 +63,7 @@ def answer_json(answer: Answer | None, now: Instant) -> dict[str, Any] | None:
 
 
 def status_text(status: dict[str, Any]) -> str:
-    """What ``rig status`` prints of the same."""
+    """The text of ``rig status``."""
     doing = [status["activity"]]
     if status["degraded"] and status["activity"] not in BEGINNING:
         doing.append("degraded")

@@ -1,34 +1,37 @@
-"""Requests for a capture: each is answered at once and counted, and at most one is carried out at a time."""
+"""Capture requests: each is answered at once and counted; at most one is carried out at a time."""
 
 import threading
 from collections.abc import Callable
 
 import structlog
 
-from rig.daemon.state import Board, TriggerAnswer, TriggerSource
+from rig.daemon.state import DaemonState, TriggerAnswer, TriggerSource
 
 _log = structlog.get_logger(__name__)
 
 
 class Triggers:
-    """Takes requests from any thread (not from a signal handler: it locks) and hands them to the one who captures.
+    """Takes requests from any thread (not from a signal handler: it locks) and passes them to the capturing thread.
 
-    ``obstacle`` says why no capture is possible now, None where it is.
+    ``why_not_ready`` returns why no capture is possible now, or None.
     """
 
     def __init__(
-        self, board: Board, obstacle: Callable[[], str | None], start: Callable[[TriggerSource], None]
+        self,
+        daemon_state: DaemonState,
+        why_not_ready: Callable[[], str | None],
+        start: Callable[[TriggerSource], None],
     ):
-        self._board = board
-        self._obstacle = obstacle
+        self._state = daemon_state
+        self._why_not_ready = why_not_ready
         self._start = start
         self._lock = threading.Lock()
         self._busy = False
         self._stopping = False
 
     def trigger(self, source: TriggerSource) -> TriggerAnswer:
-        """Ask for a capture; answered at once, nothing is queued."""
-        obstacle = self._obstacle()
+        """Request a capture; answered at once, nothing is queued."""
+        why_not_ready = self._why_not_ready()
         with self._lock:
             answer: TriggerAnswer = (
                 "stopping"
@@ -36,24 +39,26 @@ class Triggers:
                 else "busy"
                 if self._busy
                 else "not ready"
-                if obstacle
+                if why_not_ready
                 else "started"
             )
-            self._board.count("triggers")
-            self._board.count(f"triggers {answer}")
-            self._board.tell("trigger", source=source, answer=answer, why=obstacle)
-            _log.info("trigger", source=source, answer=answer, **({"why": obstacle} if obstacle else {}))
-            if answer == "started":  # handed over before anybody can call ``stop``
+            self._state.count("triggers")
+            self._state.count(f"triggers {answer}")
+            self._state.emit("trigger", source=source, answer=answer, why=why_not_ready)
+            _log.info(
+                "trigger", source=source, answer=answer, **({"why": why_not_ready} if why_not_ready else {})
+            )
+            if answer == "started":  # passed on before ``stop`` can be called
                 self._busy = True
                 self._start(source)
         return answer
 
     def done(self) -> None:
-        """The capture that was started has ended, whatever it came to."""
+        """The started capture has ended, with or without success."""
         with self._lock:
             self._busy = False
 
     def stop(self) -> None:
-        """From now on every request is answered ``stopping``."""
+        """Answer every further request with ``stopping``."""
         with self._lock:
             self._stopping = True

@@ -1,4 +1,4 @@
-"""From a configuration to open devices, one function each, and all of them together."""
+"""Opens the devices of a configuration: one function each, and all together."""
 
 from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
@@ -16,7 +16,7 @@ from rig.config.sections import (
     PanTiltSection,
 )
 from rig.devices.bus.i2c_chip import open_chip
-from rig.devices.camera.camera import Camera
+from rig.devices.camera.driver import Camera
 from rig.devices.pan_tilt import PanTilt
 from rig.devices.readings import AccelerationReading, FieldReading, HeadingReading, PressureReading
 from rig.devices.sensors.adxl355 import Adxl355
@@ -24,7 +24,7 @@ from rig.devices.sensors.bmp3 import Bmp3
 from rig.devices.sensors.iis2iclx import Iis2iclx
 from rig.devices.sensors.mmc5983ma import Mmc5983ma
 from rig.devices.sensors.ms5611 import Ms5611
-from rig.devices.sensors.reviving import Reviving, Sensor
+from rig.devices.sensors.reconnecting import ReconnectingSensor, Sensor
 from rig.devices.sensors.talker import nmea_barometer, nmea_compass, vaisala_pa50
 from rig.errors import DeviceError
 from rig.fault_notes import note_fault
@@ -38,7 +38,7 @@ Altimeter = Sensor[PressureReading]
 
 @dataclass(frozen=True)
 class Rig:
-    """All devices, open; None where the configuration has none."""
+    """All open devices; None for one that is not configured."""
 
     config: RigConfig
     pan_tilt: PanTilt
@@ -47,21 +47,21 @@ class Rig:
     altimeter: Altimeter | None
     camera: Camera
     readers: Executor
-    """Threads for sensors that are read at the same time; no sensor in two at once."""
+    """Threads for reading sensors in parallel; each sensor is read by one thread at a time."""
 
 
 def open_inclinometer(section: InclinometerSection) -> Inclinometer:
     """The accelerometer chip, measuring."""
     if section.chip == "adxl355":
-        return Reviving(partial(open_chip, Adxl355, section.bus, section.address))
-    return Reviving(partial(open_chip, Iis2iclx, section.bus, section.address))
+        return ReconnectingSensor(partial(open_chip, Adxl355, section.bus, section.address))
+    return ReconnectingSensor(partial(open_chip, Iis2iclx, section.bus, section.address))
 
 
 def open_compass(section: CompassSection) -> Compass:
     """The magnetometer chip or the talker."""
     if isinstance(section, Mmc5983maSection):
-        return Reviving(partial(open_chip, Mmc5983ma, section.bus, section.address))
-    return Reviving(
+        return ReconnectingSensor(partial(open_chip, Mmc5983ma, section.bus, section.address))
+    return ReconnectingSensor(
         partial(
             nmea_compass,
             section.port,
@@ -76,12 +76,14 @@ def open_altimeter(section: AltimeterSection) -> Altimeter:
     """The barometer chip or the talker."""
     if isinstance(section, I2cAltimeterSection):
         if section.kind == "ms5611" or section.kind == "ms5607":
-            return Reviving(
+            return ReconnectingSensor(
                 partial(open_chip, partial(Ms5611, model=section.kind), section.bus, section.address)
             )
-        return Reviving(partial(open_chip, partial(Bmp3, model=section.kind), section.bus, section.address))
+        return ReconnectingSensor(
+            partial(open_chip, partial(Bmp3, model=section.kind), section.bus, section.address)
+        )
     if section.kind == "nmea":
-        return Reviving(
+        return ReconnectingSensor(
             partial(
                 nmea_barometer,
                 section.port,
@@ -90,7 +92,7 @@ def open_altimeter(section: AltimeterSection) -> Altimeter:
                 transducer=section.transducer,
             )
         )
-    return Reviving(partial(vaisala_pa50, section.port, section.baud))
+    return ReconnectingSensor(partial(vaisala_pa50, section.port, section.baud))
 
 
 def open_pan_tilt(section: PanTiltSection) -> PanTilt:
@@ -99,11 +101,12 @@ def open_pan_tilt(section: PanTiltSection) -> PanTilt:
 
 
 @contextmanager
-def connect(config: RigConfig, *, spare: bool = False) -> Iterator[Rig]:
-    """All devices, opened and their identities checked; closed whatever happens, the head's torque off first.
+def connect(config: RigConfig, *, skip_failed_sensors: bool = False) -> Iterator[Rig]:
+    """Open all devices and check their identities; on exit switch the head's torque off and close everything.
 
-    Raises what the drivers raise for the first device that is absent, another one, or broken. With ``spare`` a compass or
-    an altimeter that fails is left out, out of the rig's ``config`` too, and noted: without them there are measurements still.
+    Raises what the drivers raise for the first device that is absent, broken or not the configured one. With
+    ``skip_failed_sensors`` a compass or an altimeter that fails is left out (also of the rig's ``config``) and noted:
+    a capture is possible without them.
     """
     with ExitStack() as stack:
         camera = stack.enter_context(Camera(config.camera))  # opens in its own thread meanwhile
@@ -111,11 +114,11 @@ def connect(config: RigConfig, *, spare: bool = False) -> Iterator[Rig]:
         stack.callback(inclinometer.close)
         compass = altimeter = None
         if config.compass:
-            with _sparing(spare, "heading unknown"):
+            with _skipping_if_failed(skip_failed_sensors, "heading unknown"):
                 compass = open_compass(config.compass)
                 stack.callback(compass.close)
         if config.altimeter:
-            with _sparing(spare, "altitude unknown"):
+            with _skipping_if_failed(skip_failed_sensors, "altitude unknown"):
                 altimeter = open_altimeter(config.altimeter)
                 stack.callback(altimeter.close)
         fitted = {
@@ -131,11 +134,11 @@ def connect(config: RigConfig, *, spare: bool = False) -> Iterator[Rig]:
 
 
 @contextmanager
-def _sparing(spare: bool, without: str) -> Iterator[None]:
-    """Go on without a device that fails, where that is wished."""
+def _skipping_if_failed(skip_failed_sensors: bool, without: str) -> Iterator[None]:
+    """Note the failure of a device and continue without it, if ``skip_failed_sensors``."""
     try:
         yield
     except DeviceError as error:
-        if not spare:
+        if not skip_failed_sensors:
             raise
         note_fault(error.device, error.problem, f"left out: {without}")

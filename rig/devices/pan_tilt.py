@@ -1,4 +1,4 @@
-"""The pan and tilt head: degrees in, degrees out, and torque off whatever happens.
+"""The pan-tilt head: moves and states in degrees; the torque is off after use in every case.
 
 Pan is clockwise-positive seen from above, tilt up-positive; 0, 0 is where both servos stand at their
 ``zero_tick``.
@@ -7,89 +7,48 @@ Pan is clockwise-positive seen from above, tilt up-positive; 0, 0 is where both 
 import logging
 import math
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Self
 
-from rig import feed
-from rig.config.keep_out import Zone, lies_in_a_zone, route
+from rig import event_bus
+from rig.config.keep_out import lies_in_a_zone, route
 from rig.devices.bus.deadline import Deadline
 from rig.devices.bus.retry import retry
 from rig.devices.bus.serial_port import SerialPort
 from rig.devices.dynamixel import control_table as table
 from rig.devices.dynamixel.protocol2 import StatusError
-from rig.devices.dynamixel.servo import Servo, ServoState, read_states, require_models
+from rig.devices.dynamixel.servo import Servo, ServoState
 from rig.devices.dynamixel.servo_bus import RefusedError, ServoBus
+from rig.devices.dynamixel.servo_group import read_states, require_models
+from rig.devices.pan_tilt_axis import TICK_DEG, Axis
+from rig.devices.pan_tilt_parameters import PanTiltParameters
 from rig.errors import DeviceError, GoalError, RigError, TransientError
 from rig.fault_notes import note_fault
 
 _log = logging.getLogger(__name__)
 
 _HEAD = "pan and tilt head"
-_TICK_DEG = 360.0 / table.TICKS_PER_TURN
 _POLL_S = 0.02
 _STILL_S = 0.2
 _STILL_TICKS = 1  # encoder noise
-_RELAX_REPLUG_S = 0.5  # on the way out there is little patience for a port that is gone
-# A proportional controller droops under the camera's weight; more than this is something in the way.
+_RELAX_REPLUG_S = 0.5  # short wait for a lost port at shutdown
+# A proportional controller droops under the camera's weight; a larger error means an obstacle.
 _GOAL_TOLERANCE_DEG = 1.0
-_TOLD_WITHIN_S = 0.3  # from the reading of where a moving head is to its new goal, on a busy computer
-_WAY_TOLERANCE_DEG = 4.0  # beyond either end of a move: it overshoots, and is pulled when the torque comes on
-
-
-class AxisParameters(Protocol):
-    """[pan_tilt.pan] and [pan_tilt.tilt] of the configuration."""
-
-    @property
-    def id(self) -> int: ...
-    @property
-    def model(self) -> str: ...
-    @property
-    def zero_tick(self) -> int: ...
-    @property
-    def direction(self) -> int: ...
-    @property
-    def min_deg(self) -> float: ...
-    @property
-    def max_deg(self) -> float: ...
-
-
-class PanTiltParameters(Protocol):
-    """[pan_tilt] of the configuration, as far as the head needs it; ``rig.config.model`` has checked the ranges."""
-
-    @property
-    def port(self) -> str: ...
-    @property
-    def baud(self) -> int: ...
-    @property
-    def velocity_deg_s(self) -> float: ...
-    @property
-    def acceleration_deg_s2(self) -> float: ...
-    @property
-    def bus_watchdog_ms(self) -> int: ...
-    @property
-    def settle_timeout_s(self) -> float: ...
-    @property
-    def take_up_deg(self) -> float: ...
-    @property
-    def pan(self) -> AxisParameters: ...
-    @property
-    def tilt(self) -> AxisParameters: ...
-    @property
-    def keep_out(self) -> Sequence[Zone]: ...
+_COMMAND_LATENCY_S = 0.3  # from reading a moving head's position to its new goal, on a busy computer
+_PATH_TOLERANCE_DEG = 4.0  # beyond either end of a move: overshoot, and motion when the torque comes on
 
 
 class StoppedError(TransientError):
-    """The head stopped on its way although nothing is in it: nobody spoke to it, or it lost its torque."""
+    """The head stopped during a move without an obstacle: bus watchdog, or lost torque."""
 
 
 @dataclass(frozen=True)
 class HeadState:
-    """Where the head is and how its servos are; pairs are (pan, tilt), volts in V, temps in °C.
+    """State of the head; pairs are (pan, tilt), volts in V, temps in °C.
 
-    ``alerts`` are sentences that name the servo and its hardware error, empty where all is well.
+    ``alerts`` are sentences with the servo and its hardware error; empty if there are none.
     """
 
     pan_deg: float
@@ -102,40 +61,14 @@ class HeadState:
     monotonic_s: float
 
 
-class _Axis:
-    """One servo with the angles that its ticks stand for."""
-
-    def __init__(self, name: str, bus: ServoBus, parameters: AxisParameters) -> None:
-        self.name = name
-        self.parameters = parameters
-        self.servo = Servo(bus, parameters.id, parameters.model, name)
-        self.min_tick, self.max_tick = sorted((self.tick(parameters.min_deg), self.tick(parameters.max_deg)))
-
-    def tick(self, angle_deg: float) -> int:
-        return self.parameters.zero_tick + round(self.parameters.direction * angle_deg / _TICK_DEG)
-
-    def angle_deg(self, tick: int) -> float:
-        return (tick - self.parameters.zero_tick) * self.parameters.direction * _TICK_DEG
-
-    def goal_tick(self, angle_deg: float) -> int:
-        low, high = self.parameters.min_deg, self.parameters.max_deg
-        if not math.isfinite(angle_deg) or not low <= angle_deg <= high:
-            raise GoalError(
-                f"{self.name} goal {angle_deg:g} deg is outside its limits {low:g} to {high:g} deg; "
-                f"ask for less or turn the vehicle ([pan_tilt.{self.name}] min_deg, max_deg)"
-            )
-        return self.tick(angle_deg)
-
-
 class PanTilt:
-    """The head, connected and without torque. Use it as a context manager: leaving it switches the torque
-    off.
+    """The head, connected, torque off. Use it as a context manager: leaving it switches the torque off.
 
-    Connecting checks that both servos are there and of the configured model, undoes what other programs have left in them,
-    and gives them mode, limits and speed. Raises ``DeviceError`` where port or servos are absent, others, or broken.
+    Connecting checks presence and model of both servos, resets settings of other programs, and configures mode, limits
+    and speed. Raises ``DeviceError`` if port or servos are absent, wrong or broken.
 
-    The servos' own bus watchdog is armed by ``move_to`` and disarmed once ``wait_settled`` has seen the head
-    stand: a program that dies lets the head stop, and one that measures for some seconds need not talk to it.
+    ``move_to`` enables the servos' bus watchdog, and ``wait_settled`` disables it once the head is stationary: the head
+    stops if the program dies during a move, and a program that measures for seconds need not send packets.
     """
 
     def __init__(self, parameters: PanTiltParameters) -> None:
@@ -143,8 +76,8 @@ class PanTilt:
         self._bus = ServoBus(SerialPort(parameters.port, parameters.baud))
         try:
             self._axes = (
-                _Axis("pan", self._bus, parameters.pan),
-                _Axis("tilt", self._bus, parameters.tilt),
+                Axis("pan", self._bus, parameters.pan),
+                Axis("tilt", self._bus, parameters.tilt),
             )
             self._servos = [axis.servo for axis in self._axes]
             self._firmware = self._check_servos()
@@ -157,11 +90,11 @@ class PanTilt:
         self._astray: DeviceError | None = None
         self._holding: set[int] = set()
         try:
-            # All of them before anything else is written: a servo with a Secondary ID takes the others' orders.
+            # First of all: a servo with a Secondary ID executes the other's instructions.
             for servo in self._servos:
-                retry(servo.answer_everything)
+                retry(servo.set_status_return_all)
             for servo in self._servos:
-                retry(servo.stand_alone)
+                retry(servo.disable_secondary_id)
             for axis in self._axes:
                 self._configure(axis)
         except BaseException as error:
@@ -180,11 +113,11 @@ class PanTilt:
                 )
         return firmware
 
-    def _configure(self, axis: _Axis) -> None:
+    def _configure(self, axis: Axis) -> None:
         speed = self._parameters.velocity_deg_s, self._parameters.acceleration_deg_s2
         retry(partial(axis.servo.clear_eeprom, self._firmware[axis.servo.servo_id]))
         retry(partial(axis.servo.configure, axis.min_tick, axis.max_tick, *speed))
-        retry(axis.servo.clear_ram)  # a change of mode resets the gains, so they come last
+        retry(axis.servo.clear_ram)  # last, as a mode change resets the gains
 
     def __enter__(self) -> Self:
         return self
@@ -206,10 +139,10 @@ class PanTilt:
         )
 
     def go_to(self, pan_deg: float, tilt_deg: float) -> HeadState:
-        """Move to both angles, round the keep-out zones, and wait until the head stands there.
+        """Move to both angles, around the keep-out zones, and wait until the head has settled.
 
-        A head that lost its torque or was stopped by its bus watchdog on the way is set up anew and sent on. Raises
-        what ``move_to`` and ``wait_settled`` raise.
+        A head that lost its torque or was stopped by its bus watchdog is set up again and continues. Raises as
+        ``move_to`` and ``wait_settled``.
         """
         self._goal_ticks(pan_deg, tilt_deg)
         state = self.state()
@@ -218,27 +151,29 @@ class PanTilt:
         here = state.pan_deg, state.tilt_deg
         stops = route(here, (pan_deg, tilt_deg), self._parameters.keep_out, low, high)
         for stop in self._with_take_up(here, stops):
-            state = retry(partial(self._leg, *stop), tries=3, within_s=3 * self._parameters.settle_timeout_s)
+            state = retry(
+                partial(self._move_segment, *stop), tries=3, within_s=3 * self._parameters.settle_timeout_s
+            )
         return state
 
     def _with_take_up(
         self, here: tuple[float, float], stops: list[tuple[float, float]]
     ) -> list[tuple[float, float]]:
-        """The stops, and before the last, where the pan comes to it from above, one a little below.
+        """The waypoints, with one slightly below the last if the pan approaches it from above.
 
-        Every reading is then taken with the play in the gears on the same side, and what all have in common does no harm.
+        All readings are then taken with the backlash on the same side, and a common error does no harm.
         """
         pan_deg, tilt_deg = stops[-1]
         from_deg = stops[-2][0] if len(stops) > 1 else here[0]
         below = pan_deg - self._parameters.take_up_deg, tilt_deg
         low, high = self._limits_deg()
         straight = (
-            from_deg - _TICK_DEG > pan_deg > below[0] > low[0]
+            from_deg - TICK_DEG > pan_deg > below[0] > low[0]
             and len(route(below, stops[-1], self._parameters.keep_out, low, high)) == 1
         )
         return [*stops[:-1], below, stops[-1]] if straight else stops
 
-    def _leg(self, pan_deg: float, tilt_deg: float) -> HeadState:
+    def _move_segment(self, pan_deg: float, tilt_deg: float) -> HeadState:
         self.move_to(pan_deg, tilt_deg)
         return self.wait_settled()
 
@@ -250,10 +185,10 @@ class PanTilt:
         return [axis.goal_tick(a) for axis, a in zip(self._axes, (pan_deg, tilt_deg), strict=True)]
 
     def move_to(self, pan_deg: float, tilt_deg: float) -> None:
-        """Start straight towards both angles; ``wait_settled`` waits for the end.
+        """Start a direct move to both angles; ``wait_settled`` waits for its end.
 
-        Raises ``GoalError`` before anything moves where an angle is outside its limits or the way leads through a
-        keep-out zone, ``DeviceError`` where a servo reports a hardware error, was turned beyond its range by hand, or cannot
+        Raises ``GoalError`` before anything moves if an angle is outside its limits or the path leads through a
+        keep-out zone, ``DeviceError`` if a servo has a hardware error, was turned beyond its range by hand, or cannot
         be commanded.
         """
         goals = self._goal_ticks(pan_deg, tilt_deg)
@@ -270,16 +205,18 @@ class PanTilt:
                 "go round it in several moves"
             )
         for axis in self._axes:
-            self._make_ready(axis)
+            self._enable_torque(axis)
         for axis, goal in zip(self._axes, goals, strict=True):
             retry(partial(self._send_goal, axis.servo, goal))
         self._from_deg = here
         speed, braking = self._parameters.velocity_deg_s, self._parameters.acceleration_deg_s2
-        self._brakes_within_deg = speed * _TOLD_WITHIN_S + speed**2 / (2.0 * braking) if state.moving else 0.0
+        self._brakes_within_deg = (
+            speed * _COMMAND_LATENCY_S + speed**2 / (2.0 * braking) if state.moving else 0.0
+        )
         self._goal_deg = pan_deg, tilt_deg
 
     def require_one_turn(self, state: HeadState) -> None:
-        """Raise ``DeviceError`` where a servo has been turned out of its range by hand: torque would send it the long way."""
+        """Raise ``DeviceError`` if a servo was turned beyond one turn by hand: torque would move it the long way."""
         for servo, tick in zip(self._servos, state.ticks, strict=True):
             servo.require_one_turn(tick)
 
@@ -293,18 +230,18 @@ class PanTilt:
                 raise StoppedError(servo.name, "its bus watchdog stopped it", remedy) from error
             raise
 
-    def _make_ready(self, axis: _Axis) -> None:
-        """Torque on and watchdog armed, with the configured speed, whatever happened since the last move."""
+    def _enable_torque(self, axis: Axis) -> None:
+        """Torque on, watchdog enabled and profile set, whatever happened since the last move."""
         servo = axis.servo
         torque = retry(partial(servo.read, "Torque Enable"))
-        if not torque or servo.servo_id not in self._holding:  # never on yet, let go, or power was lost
+        if not torque or servo.servo_id not in self._holding:  # never enabled, switched off, or power lost
             if servo.servo_id in self._holding:
                 note_fault(servo.name, "lost its torque: a restart or a power cut", "set up anew")
             self._configure(axis)
             retry(partial(servo.hold, axis.min_tick, axis.max_tick))
             self._holding.add(servo.servo_id)
         elif retry(servo.bus_watchdog_tripped):
-            # The head stopped because nobody spoke to it. A new goal is a wish to go on: clear it on purpose.
+            # The bus watchdog tripped. A new goal means that the program is alive again, so clear it.
             note_fault(servo.name, "had been stopped by its bus watchdog", "cleared and sent on")
             retry(servo.disarm_bus_watchdog)
             speed = self._parameters.velocity_deg_s, self._parameters.acceleration_deg_s2
@@ -313,7 +250,7 @@ class PanTilt:
             retry(partial(servo.arm_bus_watchdog, self._parameters.bus_watchdog_ms / 1000))
 
     def state(self) -> HeadState:
-        """Angles and health, from one sync read. Raises ``DeviceError`` naming a silent servo."""
+        """Angles and servo health, from one sync read. Raises ``DeviceError`` with the name of a silent servo."""
         states = retry(partial(read_states, self._bus, self._servos))
         pan, tilt = states
         state = HeadState(
@@ -326,7 +263,7 @@ class PanTilt:
             alerts=self._alerts(states),
             monotonic_s=pan.monotonic_s,
         )
-        feed.publish(state)
+        event_bus.publish(state)
         return state
 
     def _alerts(self, states: list[ServoState]) -> tuple[str, ...]:
@@ -337,7 +274,7 @@ class PanTilt:
             errors = retry(servo.hardware_errors)
             if errors:
                 alerts.append(f"{servo.name}: {', '.join(errors)}")
-            else:  # the alert bit is the sum of the error bits: without one there is nothing to stop for
+            else:  # the alert bit summarises the error bits: without one there is no reason to stop
                 note_fault(servo.name, "raised its alert bit without a hardware error", "went on")
         return tuple(alerts)
 
@@ -347,19 +284,18 @@ class PanTilt:
             raise DeviceError(_HEAD, problem, "remove the cause, then power-cycle the servos")
 
     def wait_settled(self, timeout_s: float | None = None) -> HeadState:
-        """Wait until the head stands: no servo moving and no position changing for 0.2 s. Returns the state
+        """Wait until the head is stationary: no servo moving and no position changing for 0.2 s. Returns the state
         then.
 
-        Asking keeps the bus watchdog fed. ``timeout_s`` is by default the configured ``settle_timeout_s``.
-        Raises ``DeviceError`` where the head still moves then, reports a hardware error, or stands away from
-        its goal.
+        Polling resets the bus watchdog. ``timeout_s`` is by default the configured ``settle_timeout_s``. Raises
+        ``DeviceError`` if the head still moves then, reports a hardware error, or is away from its goal.
         """
         deadline = Deadline.after(self._parameters.settle_timeout_s if timeout_s is None else timeout_s)
         state = self.state()
         still = state
         while state.monotonic_s - still.monotonic_s < _STILL_S:
             self._require_healthy(state)
-            self._require_on_the_way(state)
+            self._require_on_path(state)
             last_try = deadline.expired
             time.sleep(_POLL_S)
             state = self.state()
@@ -373,15 +309,15 @@ class PanTilt:
                         "raise settle_timeout_s, or look for what shakes it",
                     )
         self._require_healthy(state)
-        self._require_on_the_way(state)
+        self._require_on_path(state)
         self._require_at_goal(state)
         for servo in self._servos:
             retry(servo.disarm_bus_watchdog)
         return state
 
-    def _require_on_the_way(self, state: HeadState) -> None:
-        """Let go at once, for good, and raise ``DeviceError``, where the head goes another way than that between the ends of
-        its move, which is the way that the keep-out zones were compared with, or into one of these.
+    def _require_on_path(self, state: HeadState) -> None:
+        """Switch the torque off and raise ``DeviceError`` if the head leaves the rectangle between the ends of its move
+        (for which the keep-out zones were checked) or enters a zone.
         """
         if self._goal_deg is None:
             return
@@ -390,7 +326,7 @@ class PanTilt:
             self._axes, self._from_deg, self._goal_deg, angles, strict=True
         ):
             low, high = sorted((from_deg, goal_deg))
-            tolerance_deg = _WAY_TOLERANCE_DEG + self._brakes_within_deg
+            tolerance_deg = _PATH_TOLERANCE_DEG + self._brakes_within_deg
             strayed = not low - tolerance_deg <= angle_deg <= high + tolerance_deg
             if not (strayed or lies_in_a_zone(angles, self._parameters.keep_out)):
                 continue
@@ -415,8 +351,8 @@ class PanTilt:
             raise DeviceError(axis.servo.name, f"stopped {where}", "look for what blocks it")
 
     @staticmethod
-    def _require_power(axis: _Axis, where: str) -> None:
-        """Raise ``StoppedError`` where a servo was stopped by its bus watchdog or has lost its torque."""
+    def _require_power(axis: Axis, where: str) -> None:
+        """Raise ``StoppedError`` if a servo was stopped by its bus watchdog or lost its torque."""
         if retry(axis.servo.bus_watchdog_tripped):
             raise StoppedError(
                 axis.servo.name,
@@ -431,7 +367,7 @@ class PanTilt:
             )
 
     def relax(self) -> None:
-        """Torque off, for each servo even where another fails. Raises ``DeviceError`` naming all failed."""
+        """Torque off for each servo, even if another fails. Raises ``DeviceError`` with all that failed."""
         self._goal_deg = None
         self._holding.clear()
         failures = []
@@ -448,14 +384,14 @@ class PanTilt:
             )
 
     def close(self) -> None:
-        """Torque off, and the port closed even where that fails. Raises ``DeviceError`` as ``relax`` does."""
+        """Torque off, and the port closed even if that fails. Raises ``DeviceError`` as ``relax`` does."""
         try:
             self.relax()
         finally:
             self._bus.close()
 
     def _close_after(self, error: BaseException) -> None:
-        """Close without hiding ``error``, which is on its way to the user."""
+        """Close without hiding ``error``, which is propagating."""
         try:
             self.close()
         except RigError as failure:

@@ -1,7 +1,6 @@
-"""What the sensors give: values in the chip's or talker's own axes, with the two times of the measurement.
+"""Sensor readings: values in the chip's or talker's own axes, with both times of the measurement.
 
-``monotonic_s`` is for ages and order, ``utc`` for the record; neither can stand in for the other, because the
-wall clock of a vehicle computer may step.
+``monotonic_s`` is for ages and order, ``utc`` for records; they are not interchangeable, as the wall clock may step.
 """
 
 from dataclasses import dataclass
@@ -26,9 +25,9 @@ class AccelerationReading:
 
 @dataclass(frozen=True)
 class FieldReading:
-    """Magnetic field along the chip's axes, µT, free of the sensor's offset, which is kept for diagnosis.
+    """Magnetic field along the chip's axes, µT, without the sensor's offset, which is kept for diagnosis.
 
-    ``temperature_c`` is None where the chip does not tell it: nothing is derived from it.
+    ``temperature_c`` is None if the chip does not report it; nothing depends on it.
     """
 
     x_ut: float
@@ -42,12 +41,12 @@ class FieldReading:
 
 @dataclass(frozen=True)
 class HeadingReading:
-    """What a compass talker says: where its lubber line points, clockwise from magnetic or true north.
+    """A compass talker's heading of its lubber line, clockwise from magnetic or true north.
 
-    ``variation_deg`` is the magnetic variation that the talker itself sends, east positive; pitch and roll
-    as the talker defines them. Each is None where it is not sent. ``source`` is the sentence's address ("HCHDG"),
-    ``deviation_deg`` what the talker says of its own deviation and is in the heading already, ``resolution_deg`` one
-    unit of the last digit that it sends; ``estimated`` is a heading by dead reckoning.
+    ``variation_deg`` is the magnetic variation sent by the talker, east positive; pitch and roll as the talker defines
+    them. Each is None if not sent. ``source`` is the sentence's address ("HCHDG"), ``deviation_deg`` the sent
+    deviation, already included in the heading, ``resolution_deg`` one unit of the last digit; ``estimated`` marks dead
+    reckoning.
     """
 
     heading_deg: float
@@ -65,9 +64,9 @@ class HeadingReading:
 
 @dataclass(frozen=True)
 class PressureReading:
-    """Air pressure where the sensor is; ``temperature_c`` is the chip's own or the talker's, None where not
-    sent. ``resolution_hpa`` is one unit of the last digit that a talker sends, ``source`` its sentence and transducer,
-    ``remark`` what was put right in it.
+    """Air pressure at the sensor; ``temperature_c`` is the chip's or the talker's, None if not sent. ``resolution_hpa``
+    is one unit of a talker's last digit, ``source`` its sentence and transducer, ``remark`` a correction that was
+    applied.
     """
 
     pressure_hpa: float

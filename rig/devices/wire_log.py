@@ -1,4 +1,4 @@
-"""A log of all raw bytes of a session: JSON lines, the first one a header, played back by ``sim replay``.
+"""Wire log: all raw bytes of a session as JSON lines, the first one a header; ``sim replay`` plays it back.
 
     {"skyfix_log": 1, "utc": "2026-11-24T15:00:00.000Z", "config": {...}}
     {"t": 0.012, "port": "/dev/serial/by-id/...", "sent": "fffffd00fe0300013142"}
@@ -21,7 +21,7 @@ from typing import Any
 from localizer.os_errors import why_not_written
 from rig.clock import utc_now
 from rig.config.model import RigConfig
-from rig.devices.bus import tap
+from rig.devices.bus import monitor
 from rig.errors import RigError
 
 LOG_VERSION = 1
@@ -30,30 +30,28 @@ URL_LEFT_OUT = "http://left-out.invalid/?ev={ev}"
 _log = logging.getLogger(__name__)
 
 
-class RecordError(RigError):
+class WireLogError(RigError):
     """The log cannot be written."""
 
 
 @contextmanager
-def recording(path: Path, config: RigConfig) -> Iterator[None]:
-    """Record what passes on all ports and buses into ``path``, a new file, while the context lasts.
+def recording_wire_log(path: Path, config: RigConfig) -> Iterator[None]:
+    """Log the traffic of all ports and buses into ``path``, a new file, while the context lasts.
 
-    The header holds the configuration with its calibrations, without the camera's URLs, which may have a password. Where the
-    log cannot be written any more, say on a full disk, that is told and the devices are used without it.
-    Raises ``RecordError`` where the file is there already or cannot be made.
+    The header holds the configuration with its calibrations, without the camera's URLs, which may contain a password.
+    If the log cannot be written any more, as on a full disk, that is reported and the devices continue. Raises
+    ``WireLogError`` if the file exists or cannot be created.
     """
     settings = config.model_dump(
         mode="json", exclude={"calibration": True, "camera": {"source"}}, exclude_none=True
     )
     if config.camera.exposure_url is not None:
-        settings["camera"]["exposure_url"] = URL_LEFT_OUT  # that there is one changes what a capture does
+        settings["camera"]["exposure_url"] = URL_LEFT_OUT  # its presence changes a capture
     utc = utc_now().isoformat(timespec="milliseconds").replace("+00:00", "Z")
     try:
-        file = path.open(
-            "x", encoding="ascii", buffering=1
-        )  # a line at a time: a crash shall not take the end with it
+        file = path.open("x", encoding="ascii", buffering=1)  # line-buffered, so that a crash loses nothing
     except OSError as error:
-        raise RecordError(f"{path}: {why_not_written(error, 'choose another name')}") from error
+        raise WireLogError(f"{path}: {why_not_written(error, 'choose another name')}") from error
     begun_s, lock = time.monotonic(), threading.Lock()
     ended = False
 
@@ -65,18 +63,18 @@ def recording(path: Path, config: RigConfig) -> Iterator[None]:
                 return
             try:
                 file.write(json.dumps({"t": at_s, **exchange}) + "\n")
-            except OSError as error:  # it is not the device's: who speaks to that shall not see it
+            except OSError as error:  # not an error of the device: its user must not see it
                 ended = True
                 _log.warning("%s: %s; the log ends after %.1f s", path, why_not_written(error), at_s)
 
     try:
         file.write(json.dumps({"skyfix_log": LOG_VERSION, "utc": utc, "config": settings}) + "\n")
     except OSError as error:
-        raise RecordError(f"{path}: {why_not_written(error, 'choose another name')}") from error
-    tap.listen(write)
+        raise WireLogError(f"{path}: {why_not_written(error, 'choose another name')}") from error
+    monitor.subscribe(write)
     try:
         yield
     finally:
-        tap.ignore(write)
-        with lock, suppress(OSError):  # of a line that could not be written, which was told
+        monitor.unsubscribe(write)
+        with lock, suppress(OSError):  # already reported when a line could not be written
             file.close()

@@ -1,1 +1,1 @@
-"""``rig capture --repeat``: bundle after bundle, a series that goes on where a crash or a power cut stopped it."""
+"""``rig capture --repeat``: a series of bundles that resumes after a crash or a power cut."""

@@ -1,4 +1,5 @@
-"""The record of a series: JSON lines, each on the disk before what it announces begins; after a crash it says where to go on.
+"""The journal of a series: JSON lines, each fsynced before the step that it announces; after a crash it tells where to
+resume.
 
     {"schema": "skyfix.series/1", "id": "series-20261124T150000Z-3f9a", "time": "...", "plan": {"repeat": 48, ...}}
     {"begun": 1, "time": "2026-11-24T15:00:00.210Z"}
@@ -7,8 +8,8 @@
     {"failed": 2, "time": "...", "took_s": 3.0, "reason": "..."}
     {"ended": "2026-11-25T14:30:22.500Z"}
 
-A last line that a power cut tore is dropped. The series' folder has the bundles in ``bundles`` and a picture of each in
-``previews``.
+An incomplete last line, left by a power cut, is dropped. The series' folder has the bundles in ``bundles`` and a
+picture of each in ``previews``.
 """
 
 import fcntl
@@ -27,23 +28,23 @@ from localizer.bundle import Bundle, is_bundle_id
 from localizer.documents import DocumentError, json_values, read_file
 from localizer.os_errors import why_not_read, why_not_written
 from rig.atomic import sync, write_atomically
-from rig.capture.measure import utc_text
+from rig.capture.averaged_readings import utc_text
 from rig.clock import wall_clock
 from rig.errors import RigError
 
 FILE_NAME = "series.jsonl"
 SCHEMA = "skyfix.series/1"
-MOST_RECORD_BYTES = 256_000_000
-MOST_NUMBER = 10_000_000
+MAX_RECORD_BYTES = 256_000_000
+MAX_NUMBER = 10_000_000
 
 
 class SeriesError(RigError):
-    """The record of a series cannot be read or written."""
+    """The journal of a series cannot be read or written."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What the command asked for; the same again goes on with an unfinished series."""
+    """The command's parameters; the same parameters resume an unfinished series."""
 
     repeat: int
     every_s: float
@@ -53,12 +54,12 @@ class Plan:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one number came to: a ``bundle`` with its ``readings``, or the ``reason`` why there is none."""
+    """The outcome of one number: a ``bundle`` with its ``readings``, or the ``reason`` for none."""
 
     number: int
     time: datetime
     took_s: float | None
-    """None where a crash came between."""
+    """None after a crash."""
     bundle: str | None = None
     readings: Mapping[str, Any] = field(default_factory=dict)
     reason: str | None = None
@@ -66,7 +67,9 @@ class Outcome:
 
 @dataclass
 class Series:
-    """A series as its record tells it. Methods that add to the record raise ``SeriesError`` where the disk refuses."""
+    """A series as recorded in its journal. Methods that append to the journal raise ``SeriesError`` if the disk
+    refuses.
+    """
 
     folder: Path
     plan: Plan
@@ -76,31 +79,31 @@ class Series:
 
     @property
     def id(self) -> str:
-        """Also the folder's name."""
+        """The id; also the folder's name."""
         return self.folder.name
 
     @property
     def bundles(self) -> Path:
-        """Where its bundles are."""
+        """The folder of its bundles."""
         return self.folder / "bundles"
 
     def preview(self, outcome: Outcome) -> Path:
-        """Where the picture of a bundle is."""
+        """The file of a bundle's picture."""
         return self.folder / "previews" / f"{outcome.number:04}-{outcome.bundle}.jpg"
 
     def left(self) -> list[int]:
-        """The numbers that are still to be taken."""
+        """The numbers not yet taken."""
         return [number for number in range(1, self.plan.repeat + 1) if number not in self.outcomes]
 
     def begin(self, number: int) -> None:
-        """A capture begins."""
+        """Record the begin of a capture."""
         self.begun[number] = wall_clock()
         self._append({"begun": number, "time": utc_text(self.begun[number])})
 
     def taken(
         self, number: int, took_s: float | None, bundle: Bundle, readings: Mapping[str, Any]
     ) -> Outcome:
-        """A bundle is there."""
+        """Record a finished bundle."""
         took_s = None if took_s is None else round(took_s, 2)
         outcome = Outcome(number, wall_clock(), took_s, bundle.id, readings)
         self.outcomes[number] = outcome
@@ -116,7 +119,7 @@ class Series:
         return outcome
 
     def failed(self, number: int, took_s: float, reason: str) -> Outcome:
-        """A capture came to nothing."""
+        """Record a failed capture."""
         outcome = Outcome(number, wall_clock(), round(took_s, 2), reason=reason)
         self.outcomes[number] = outcome
         self._append(
@@ -125,7 +128,7 @@ class Series:
         return outcome
 
     def end(self) -> None:
-        """Nothing is left to be taken."""
+        """Record the end of the series."""
         self.ended = True
         self._append({"ended": utc_text(wall_clock())})
 
@@ -141,7 +144,7 @@ class Series:
 
 
 def begin_series(out_dir: Path, plan: Plan) -> Series:
-    """A new series in a folder of its own."""
+    """Begin a new series in its own folder."""
     now = wall_clock()
     folder = out_dir / f"series-{now:%Y%m%dT%H%M%SZ}-{secrets.token_hex(2)}"
     header = {"schema": SCHEMA, "id": folder.name, "time": utc_text(now), "plan": asdict(plan)}
@@ -154,7 +157,7 @@ def begin_series(out_dir: Path, plan: Plan) -> Series:
 
 
 def unfinished_series(out_dir: Path, plan: Plan) -> Series | None:
-    """The newest series with this plan that has not come to its end; ``SeriesError`` where a record is damaged."""
+    """The newest unfinished series with this plan; ``SeriesError`` if a journal is damaged."""
     for path in sorted(out_dir.glob(f"series-*/{FILE_NAME}"), reverse=True):
         series = load_series(path.parent)
         if series.plan == plan and not series.ended:
@@ -163,10 +166,10 @@ def unfinished_series(out_dir: Path, plan: Plan) -> Series | None:
 
 
 def load_series(folder: Path) -> Series:
-    """Read a series' record. ``SeriesError`` names the line that is damaged."""
+    """Read a series' journal. ``SeriesError`` names the damaged line."""
     path = folder / FILE_NAME
     try:
-        lines = read_file(path, MOST_RECORD_BYTES).split(b"\n")
+        lines = read_file(path, MAX_RECORD_BYTES).split(b"\n")
     except OSError as error:
         raise SeriesError(f"{path}: {why_not_read(error, path)}") from error
     except DocumentError as error:
@@ -190,9 +193,10 @@ def load_series(folder: Path) -> Series:
 
 @contextmanager
 def held(folder: Path) -> Iterator[Series]:
-    """The series in a folder, for this process alone, without a line that a power cut tore and what was half written then.
+    """The series in a folder, locked for this process, after removal of an incomplete last line and of partly written
+    files.
 
-    ``SeriesError`` where another process has it.
+    ``SeriesError`` if another process holds the lock.
     """
     path = folder / FILE_NAME
     with path.open("r+b") as file:
@@ -240,14 +244,14 @@ def _add(series: Series, entry: Mapping[str, Any]) -> None:
 
 
 def _number(value: object) -> int:
-    """It becomes part of a file's name."""
-    if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= MOST_NUMBER:
+    """A checked number: it becomes part of a file's name."""
+    if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= MAX_NUMBER:
         raise ValueError("numbers no bundle")
     return value
 
 
 def _remove(path: Path) -> None:
-    """A folder and all in it; of a link, or what somebody else has put there, only itself."""
+    """Remove a folder with its content; of a link or another kind of entry only itself."""
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path)
     else:

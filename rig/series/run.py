@@ -1,4 +1,4 @@
-"""Taking a series: numbers that are left, each in its time; one that fails does not end it."""
+"""Takes the remaining captures of a series on schedule; a failed one does not end it."""
 
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -7,20 +7,20 @@ from pathlib import Path
 from typing import Any
 
 from localizer.bundle import Bundle, BundleError, load_bundle
-from rig.bundle.facts import bundles_in, extra_of, readings
+from rig.bundle.summary import bundles_in, extra_of, readings
 from rig.clock import wall_clock
 from rig.errors import RigError
 from rig.series.journal import Outcome, Series
 
 Take = Callable[[Path, Mapping[str, Any]], Path]
-"""Takes a bundle into a folder, with remarks in its ``raw``, and returns its directory."""
+"""Takes a bundle into a folder, with remarks for its ``raw``, and returns its directory."""
 
 
 def take_series(series: Series, take: Take, say: Callable[[str], None]) -> Iterator[Outcome]:
-    """Take what is left of a series, and yield what each number came to as soon as its record is on the disk.
+    """Take the remaining captures of a series, and yield each outcome once it is in the journal.
 
-    Beginnings lie ``every_s`` apart, or follow at once where a capture takes longer; a series that was stopped goes on
-    in its rhythm, and a number that was under way is taken again. Raises ``SeriesError`` where the record cannot be kept.
+    Captures begin ``every_s`` apart, or at once if one takes longer. A resumed series keeps its schedule and repeats a
+    capture that was interrupted. Raises ``SeriesError`` if the journal cannot be written.
     """
     due_s = time.monotonic() + _still_waits_s(series)
     for number in series.left():
@@ -49,7 +49,7 @@ def take_series(series: Series, take: Take, say: Callable[[str], None]) -> Itera
 
 
 def _still_waits_s(series: Series) -> float:
-    """How long the next number still has to wait after a stop; never longer than ``every_s``, whatever the clock says."""
+    """Remaining wait of the next capture after a restart; at most ``every_s``, whatever the clock says."""
     last = max(series.begun, default=0)
     if last not in series.outcomes:
         return 0.0
@@ -58,7 +58,7 @@ def _still_waits_s(series: Series) -> float:
 
 
 def _left_by_a_crash(series: Series, number: int) -> Bundle | None:
-    """The bundle of a capture that ended before its record could be written."""
+    """The bundle of a capture that finished just before a crash, without a journal entry."""
     if number not in series.begun:
         return None
     known = {outcome.bundle for outcome in series.outcomes.values()}

@@ -1,4 +1,4 @@
-"""What a series came to: how many bundles, what failed and why, how far the readings spread, how long it took."""
+"""Summary of a series: number of bundles, failures, spread of the readings, duration."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -7,14 +7,14 @@ import numpy as np
 
 from rig.attitude.heading import circular_mean_deg
 from rig.attitude.kinematics import wrapped_deg
-from rig.capture.measure import utc_text
+from rig.capture.averaged_readings import utc_text
 from rig.series.journal import Series
 
 ROUND = ("heading_deg", "azimuth_deg")  # angles without a beginning
 
 
 def summary(series: Series) -> dict[str, Any]:
-    """JSON values; spreads are standard deviations, None of one bundle."""
+    """The summary as JSON values; spreads are standard deviations, None for a single bundle."""
     outcomes = [series.outcomes[number] for number in sorted(series.outcomes)]
     taken = [outcome for outcome in outcomes if outcome.bundle]
     failed = [outcome for outcome in outcomes if outcome.reason]
@@ -40,7 +40,7 @@ def summary(series: Series) -> dict[str, Any]:
 
 
 def summary_text(found: Mapping[str, Any]) -> str:
-    """The same in lines."""
+    """The summary as text."""
     left = f", {found['left']} left: the same command goes on with them" if found["left"] else ""
     lines = [
         f"{found['series']}: {found['taken']} of {found['repeat']} bundles taken, {found['failed']} failed{left}"
@@ -64,7 +64,7 @@ def summary_text(found: Mapping[str, Any]) -> str:
 
 
 def _by_name(readings: Sequence[Mapping[str, float]]) -> dict[str, list[float]]:
-    """Values of all bundles by name; sigmas are no readings."""
+    """Values of all bundles by name, without sigmas."""
     names = dict.fromkeys(name for each in readings for name in each if not name.endswith("sigma_deg"))
     names.pop("altitude_sigma_m", None)
     return {name: [each[name] for each in readings if name in each] for name in names}

@@ -1,1 +1,1 @@
-"""``rig service``: this installation as a service of the vehicle's computer."""
+"""``rig service``: installs skyfix as a systemd service."""

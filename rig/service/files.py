@@ -1,7 +1,7 @@
-"""The files of the service: what belongs where, and whether what lies there is ours and as it should be.
+"""The files of the service: content, destination, and comparison with the installed ones.
 
-Each file begins with a line that says who put it there, with the hash of the rest: it tells an older version of ours,
-which may be replaced and removed, from one that somebody has edited, which may not.
+The first line of each file names its origin and holds the hash of the rest. It distinguishes an older version of ours,
+which may be replaced or removed, from a file that was edited, which may not.
 """
 
 import hashlib
@@ -23,17 +23,17 @@ _HEAD = "# Put here by rig service install, which replaces it: make no changes h
 
 @dataclass(frozen=True)
 class ServiceFile:
-    """A file and its place below the root."""
+    """A file and its path below the root."""
 
     path: Path
     content: bytes
 
     def at(self, root: Path) -> Path:
-        """Where it belongs on this machine."""
+        """Its path on this machine."""
         return root / self.path
 
     def state(self, root: Path) -> State:
-        """How the file in place compares. Raises ``OSError`` where it cannot be read."""
+        """State of the installed file. Raises ``OSError`` if it cannot be read."""
         try:
             found = self.at(root).read_bytes()
         except (FileNotFoundError, NotADirectoryError):
@@ -45,7 +45,7 @@ class ServiceFile:
 
 
 def service_files() -> list[ServiceFile]:
-    """All of them, for the installation that this program runs in."""
+    """All files, for the installation that this program runs in."""
     units = resources.files("rig.service") / "units"
     unit = _with(
         r"ExecStart=\S+", f"ExecStart={program()}", (units / "skyfix.service").read_text(encoding="utf-8")
@@ -64,7 +64,7 @@ def service_files() -> list[ServiceFile]:
 
 
 def program() -> Path:
-    """The program ``rig`` of this installation."""
+    """Path of the program ``rig`` of this installation."""
     path = Path(sysconfig.get_path("scripts")) / "rig"
     if not path.is_file():
         raise RigError(f"{path}: there is no program rig in this installation; install skyfix with pip")
@@ -74,7 +74,7 @@ def program() -> Path:
 
 
 def _with(pattern: str, line: str, text: str) -> str:
-    """The text with the one line that begins so changed: what this installation, or a service, wants otherwise."""
+    """The text with the line that matches ``pattern`` replaced."""
     changed, number = re.subn(f"(?m)^{pattern}", line, text)
     assert number == 1, pattern
     return changed

@@ -1,4 +1,4 @@
-"""Put the service's files in place, take them away again, say how they are."""
+"""Installs and removes the service's files."""
 
 import os
 import shutil
@@ -8,8 +8,8 @@ from pathlib import Path
 
 from rig.atomic import write_atomically
 from rig.errors import RigError
+from rig.service.access_check import unreachable
 from rig.service.files import ServiceFile, State, program, service_files
-from rig.service.reach import unreachable
 
 Say = Callable[[str], None]
 
@@ -28,7 +28,7 @@ _WOULD: dict[State, str] = {
     "changed by hand": "would be replaced, with what somebody has changed in it",
 }
 
-# What makes the machine take notice of the files, and a path that says whether what is to do so runs here.
+# Commands that activate the files, each with a path whose existence shows that the command applies here.
 _ACCOUNT = "/", ("systemd-sysusers", "skyfix.conf")
 _FOLDERS = "/", ("systemd-tmpfiles", "--create", "skyfix.conf")
 _RULES = "/run/udev/control", ("udevadm", "control", "--reload")
@@ -39,10 +39,10 @@ _STOP = "/run/systemd/system", ("systemctl", "disable", "--now", "skyfix.service
 
 
 def install(root: Path, *, dry_run: bool, force: bool, say: Say) -> None:
-    """Put all files in place and, on the running system (root /), have them taken notice of.
+    """Install all files and, on the running system (root /), activate them.
 
-    Raises ``RigError`` before anything has changed: where the service could not start from this installation, where there
-    is no permission, or where a file has been changed by hand and ``force`` is not given.
+    Raises ``RigError`` before any change: if the service could not start from this installation, permission is missing,
+    or a file was edited and ``force`` is not given.
     """
     files = service_files()
     live = root == Path("/")
@@ -81,9 +81,9 @@ def install(root: Path, *, dry_run: bool, force: bool, say: Say) -> None:
 
 
 def uninstall(root: Path, *, dry_run: bool, say: Say) -> bool:
-    """Stop the service and remove what ``install`` has put there; whether nothing of it is left.
+    """Stop the service and remove the files of ``install``; True if none is left.
 
-    Configuration, state, caches, the user and its groups stay, and so does a file that has been changed by hand.
+    Configuration, state, caches, the user and its groups stay, and so does an edited file.
     """
     files = service_files()
     states = [(file, _state(file, root)) for file in files]
@@ -119,7 +119,7 @@ def _state(file: ServiceFile, root: Path) -> State:
 
 
 def _check_permission(files: Sequence[ServiceFile], root: Path) -> None:
-    """Of all files before the first is touched."""
+    """Checked for all files before the first is changed."""
     for file in files:
         folder = file.at(root).parent
         while not folder.exists():

@@ -1,4 +1,4 @@
-"""How the service is: its files, what systemd says of it, and what it says itself."""
+"""Status of the service: its files, systemd's state, and its own status line."""
 
 import shutil
 import subprocess
@@ -14,7 +14,7 @@ COMMAND_TIMEOUT_S = 30.0
 
 @dataclass(frozen=True)
 class ServiceStatus:
-    """States of the files by their places, and systemd's properties of the service; None where it was not asked."""
+    """States of the files by path, and systemd's properties of the service; None if systemd was not asked."""
 
     files: dict[str, str]
     properties: dict[str, str] | None
@@ -22,7 +22,7 @@ class ServiceStatus:
 
 
 def service_status(root: Path) -> ServiceStatus:
-    """Whether all is as it should be. Raises ``RigError`` where it cannot be found out."""
+    """The status of the service. Raises ``RigError`` if it cannot be determined."""
     files: dict[str, str] = {}
     for file in service_files():
         try:
@@ -42,7 +42,7 @@ def service_status(root: Path) -> ServiceStatus:
 
 
 def status_text(root: Path, status: ServiceStatus) -> str:
-    """The same in lines."""
+    """The status as text."""
     lines = [f"{place}: {state}" for place, state in status.files.items()]
     found = status.properties
     if found is not None:

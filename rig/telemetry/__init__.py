@@ -1,1 +1,1 @@
-"""Telemetry of a session in an MCAP file, which Foxglove shows: what the devices said, what was done, and what was seen."""
+"""Telemetry of a session in an MCAP file for Foxglove: readings, actions and pictures."""

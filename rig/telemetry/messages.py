@@ -1,4 +1,4 @@
-"""From what a session publishes to messages: topic, schema, time and JSON values.
+"""Converts published objects into messages: topic, schema, time and JSON values.
 
 Frames of reference, for Foxglove's 3D panel: ``world`` (east, north, up), ``vehicle``, ``head``, ``camera`` (OpenCV's axes).
 """
@@ -18,14 +18,14 @@ from scipy.spatial.transform import Rotation
 
 from rig import clock
 from rig.attitude.kinematics import Attitude, Head, JointAngles, body_rotation, camera_rotation, head_rotation
-from rig.capture.capture import View
-from rig.capture.measure import AltitudeReading
-from rig.capture.standing import Standing
+from rig.capture.averaged_readings import AltitudeReading
+from rig.capture.base_attitude import BaseEstimate
+from rig.capture.view import View
 from rig.config.model import RigConfig
-from rig.devices.camera.camera import TimedFrame
+from rig.devices.camera.frames import TimedFrame
 from rig.devices.pan_tilt import HeadState
 from rig.devices.readings import AccelerationReading, FieldReading, HeadingReading, PressureReading
-from rig.feed import Step
+from rig.event_bus import Step
 from rig.telemetry import schemas
 from rig.telemetry.schemas import Schema
 
@@ -37,7 +37,7 @@ LEVEL = Attitude(0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Message:
-    """``fields`` are without their time, which the writer puts before them; ``monotonic_s`` tells it."""
+    """A message. ``fields`` lacks the timestamp, which the writer adds from ``monotonic_s``."""
 
     topic: str
     schema: Schema
@@ -46,7 +46,7 @@ class Message:
 
 
 def opening(config: RigConfig) -> list[Message]:
-    """What is known before anything happens: the lens, and how the camera sits in the head."""
+    """Messages at the start: the lens, and the camera's mounting in the head."""
     now_s = time.monotonic()
     camera = config.camera
     scale = THUMBNAIL_WIDTH / camera.width_px  # of the pictures in the file
@@ -70,7 +70,7 @@ def opening(config: RigConfig) -> list[Message]:
 
 
 def messages_of(item: object) -> Iterator[Message]:
-    """The messages that tell of ``item``; of what is none of this file's business, none."""
+    """The messages for ``item``; none for other types."""
     convert = _CONVERTERS.get(type(item))
     if convert is not None:
         yield from convert(item)
@@ -118,17 +118,17 @@ def _altitude(reading: AltitudeReading) -> Iterator[Message]:
     yield Message("/altitude", schemas.ALTITUDE, time.monotonic(), fields)
 
 
-def _standing(standing: Standing) -> Iterator[Message]:
+def _base_estimate(base_estimate: BaseEstimate) -> Iterator[Message]:
     now_s = time.monotonic()
     fields = {
-        "heading_deg": standing.attitude.azimuth_deg,
-        "heading_sigma_deg": standing.heading.sigma_deg,
-        "pitch_deg": standing.attitude.tilt_deg,
-        "roll_deg": standing.attitude.roll_deg,
-        "residual_deg": standing.level.residual_deg,
+        "heading_deg": base_estimate.attitude.azimuth_deg,
+        "heading_sigma_deg": base_estimate.heading.sigma_deg,
+        "pitch_deg": base_estimate.attitude.tilt_deg,
+        "roll_deg": base_estimate.attitude.roll_deg,
+        "residual_deg": base_estimate.level.residual_deg,
     }
     yield Message("/standing", schemas.STANDING, now_s, fields)
-    yield _transform("/world/vehicle", now_s, "world", "vehicle", body_rotation(standing.attitude))
+    yield _transform("/world/vehicle", now_s, "world", "vehicle", body_rotation(base_estimate.attitude))
 
 
 def _frame(frame: TimedFrame) -> Iterator[Message]:
@@ -173,7 +173,7 @@ _CONVERTERS: dict[type, Callable[[Any], Iterator[Message]]] = {
     HeadingReading: _heading,
     PressureReading: _pressure,
     AltitudeReading: _altitude,
-    Standing: _standing,
+    BaseEstimate: _base_estimate,
     TimedFrame: _frame,
     View: _view,
     Step: _step,
@@ -183,7 +183,7 @@ _CONVERTERS[type(Path())] = _bundle
 
 def _reading(topic: str, schema: Schema, reading: Any, names: tuple[str, ...]) -> Message:
     values = {name: getattr(reading, name) for name in names}
-    # JSON has no NaN, which is what a chip without a thermometer says.
+    # JSON has no NaN, the value of a chip without a thermometer.
     fields = {
         name: None if isinstance(v, float) and not math.isfinite(v) else v for name, v in values.items()
     }

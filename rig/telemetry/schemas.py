@@ -1,4 +1,4 @@
-"""The JSON schemas of the messages: Foxglove's own where it has one, so that its panels know them, else ours.
+"""JSON schemas of the messages: Foxglove's own where one exists, so that its panels know them, else ours.
 
 https://docs.foxglove.dev/docs/visualization/message-schemas: a time is {"sec", "nsec"}, bytes are base64.
 """
@@ -93,7 +93,7 @@ HEADING = _object(
 PRESSURE = _object("skyfix.Pressure", timestamp=TIME, pressure_hpa=NUMBER, temperature_c=MAYBE)
 ALTITUDE = _object("skyfix.Altitude", timestamp=TIME, altitude_m=NUMBER, sigma_m=NUMBER)
 STANDING = _object(
-    "skyfix.Standing",
+    "skyfix.BaseEstimate",
     timestamp=TIME,
     heading_deg=NUMBER,
     heading_sigma_deg=NUMBER,

@@ -1,6 +1,7 @@
-"""The MCAP file: written in small pieces that a power cut leaves readable, by a thread of its own that holds nobody up.
+"""Writes the MCAP file in small chunks, in its own thread: a power cut loses at most the last chunk, and no caller
+blocks.
 
-A disk that refuses ends the telemetry, not the session.
+A disk error ends the telemetry, not the session.
 """
 
 import contextlib
@@ -18,13 +19,13 @@ from typing import IO
 from mcap.writer import Writer
 
 from localizer.os_errors import why_not_written
-from rig import feed
+from rig import event_bus
 from rig.config.model import RigConfig
-from rig.devices.camera.camera import TimedFrame
+from rig.devices.camera.frames import TimedFrame
 from rig.errors import RigError
 from rig.telemetry.messages import Message, messages_of, opening, time_ns
 
-CHUNK_BYTES = 32_768  # about a second: what a power cut takes
+CHUNK_BYTES = 32_768  # about a second, which a power cut may lose
 FRAME_EVERY_S = 0.5
 SYNC_EVERY_S = 2.0
 WAITING = 4000
@@ -32,27 +33,27 @@ END_S = 10.0
 
 
 class TelemetryError(RigError):
-    """The file cannot be made."""
+    """The file cannot be created."""
 
 
 @contextmanager
-def recording(path: Path, config: RigConfig) -> Iterator[Path]:
-    """Record what the session publishes into ``path`` while the context lasts; a name that is taken gets a number.
+def recording_telemetry(path: Path, config: RigConfig) -> Iterator[Path]:
+    """Record published objects into ``path`` while the context lasts; an existing name gets a number appended.
 
-    Yields the file's name. Raises ``TelemetryError`` where it cannot be made.
+    Yields the file's path. Raises ``TelemetryError`` if it cannot be created.
     """
     path, file = _new_file(path)
     recorder = _Recorder(file, path, config)
-    feed.listen(recorder.take)
+    event_bus.subscribe(recorder.take)
     try:
         yield path
     finally:
-        feed.ignore(recorder.take)
+        event_bus.unsubscribe(recorder.take)
         recorder.end()
 
 
 class _Recorder:
-    """Takes from any thread; its own thread converts and writes."""
+    """Queues objects from any thread; its own thread converts and writes them."""
 
     def __init__(self, file: IO[bytes], path: Path, config: RigConfig) -> None:
         self._file, self._path = file, path
@@ -66,7 +67,7 @@ class _Recorder:
         self._thread.start()
 
     def take(self, item: object) -> None:
-        """Queue an item. Of frames two a second: each is large, and they are there to look at."""
+        """Queue an item. Frames are limited to two a second: they are large, and meant for viewing only."""
         if self._failed:
             return
         if isinstance(item, TimedFrame):
@@ -79,7 +80,7 @@ class _Recorder:
             self._lost += 1
 
     def end(self) -> None:
-        """Write what waits, and finish the file."""
+        """Write the queue and finish the file."""
         self._end.set()
         self._thread.join(END_S)
         if self._lost and not self._failed:

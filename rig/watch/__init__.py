@@ -1,1 +1,1 @@
-"""``rig watch``: what all devices say at this moment, without moving anything."""
+"""``rig watch``: live readings of all devices, without moving anything."""

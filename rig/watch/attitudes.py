@@ -1,6 +1,6 @@
-"""How vehicle and camera stand by the newest readings: what a capture measures with care, here at a glance.
+"""Attitude of vehicle and camera from the newest readings: approximate values of what a capture measures.
 
-Without turning the head: the inclinometer's zero and iron that is not calibrated are in it.
+The head does not turn, so the inclinometer's zero error and uncalibrated iron are included.
 """
 
 import math
@@ -33,7 +33,7 @@ LEVEL_BASE = Attitude(0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Attitudes:
-    """Degrees and metres; None where a device that it needs does not read at this moment."""
+    """Degrees and metres; None if a device that it needs has no fresh reading."""
 
     head_tilt_deg: float | None = None
     head_roll_deg: float | None = None
@@ -50,7 +50,7 @@ class Attitudes:
 
 
 def attitudes(config: RigConfig, statuses: Sequence[DeviceStatus]) -> Attitudes:
-    """What the fresh readings come to together."""
+    """The attitudes from the fresh readings."""
     fresh = fresh_values(statuses)
     level, head = fresh.get("inclinometer", {}), fresh.get("head", {})
     found: dict[str, float | None] = {
@@ -85,7 +85,7 @@ def attitudes(config: RigConfig, statuses: Sequence[DeviceStatus]) -> Attitudes:
 
 
 def fresh_values(statuses: Sequence[DeviceStatus]) -> dict[str, Mapping[str, Any]]:
-    """The values of those devices that read at this moment, by name."""
+    """The values of the devices with a fresh reading, by name."""
     return {
         status.name: status.reading.values
         for status in statuses
@@ -94,7 +94,7 @@ def fresh_values(statuses: Sequence[DeviceStatus]) -> dict[str, Mapping[str, Any
 
 
 def _base(tilt_deg: float, roll_deg: float, joints: JointAngles) -> Attitude:
-    """Pitch and roll of the base under a head that the inclinometer finds so; the heading is left at 0."""
+    """Pitch and roll of the base from the inclinometer's tilt and roll of the head; heading 0."""
     head = body_rotation(Attitude(0.0, tilt_deg, roll_deg))
     base = body_attitude(head @ head_rotation(LEVEL_BASE, joints).T)
     return Attitude(0.0, base.tilt_deg, base.roll_deg)
@@ -103,7 +103,7 @@ def _base(tilt_deg: float, roll_deg: float, joints: JointAngles) -> Attitude:
 def _heading_deg(
     config: RigConfig, compass: Mapping[str, Any], base: Attitude, joints: JointAngles
 ) -> float | None:
-    """True heading of the base; None where there is no way from magnetic to true north."""
+    """True heading of the base; None without a declination."""
     section = config.compass
     assert section is not None
     try:

@@ -1,4 +1,4 @@
-"""What each device says, as ``rig watch`` asks it: only reads, so a head that is held stays held and one at rest stays so."""
+"""Reads each device for ``rig watch`` and the daemon. Reads only: the head's torque and position are not changed."""
 
 import math
 import time
@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from rig.attitude.altitude_plausibility import AltitudeBounds, altitude_bounds, require_plausible_altitude
 from rig.attitude.level import in_axes
-from rig.attitude.possible_altitude import AltitudeBounds, altitude_bounds, require_possible
 from rig.attitude.talker_headings import heading_doubts
-from rig.capture.measure import altitude_from, read_level, read_pressure
-from rig.check.check import BRIGHT, DARK
+from rig.capture.averaged_readings import altitude_from, read_level, read_pressure
+from rig.check.devices import BRIGHT, DARK
 from rig.config.model import RigConfig
 from rig.config.sections import (
     AltimeterSection,
@@ -29,10 +29,12 @@ from rig.config.sections import (
 from rig.config.sections import Servo as ServoSection
 from rig.devices.bus.retry import retry
 from rig.devices.bus.serial_port import SerialPort
-from rig.devices.camera.camera import Camera, TimedFrame
+from rig.devices.camera.driver import Camera
+from rig.devices.camera.frames import TimedFrame
 from rig.devices.connect import open_altimeter, open_compass, open_inclinometer
-from rig.devices.dynamixel.servo import Servo, read_states, require_models
+from rig.devices.dynamixel.servo import Servo
 from rig.devices.dynamixel.servo_bus import ServoBus
+from rig.devices.dynamixel.servo_group import read_states, require_models
 from rig.devices.readings import FieldReading, HeadingReading
 from rig.errors import DeviceError, RigError
 
@@ -45,7 +47,7 @@ CAMERA_S = 1.0
 
 @dataclass(frozen=True)
 class Reading:
-    """JSON values with units in their names; ``warnings`` is what is wrong with a device that answers."""
+    """A reading: JSON values with units in their names. ``warnings`` are problems of a device that answers."""
 
     values: Mapping[str, Any]
     monotonic_s: float
@@ -54,7 +56,7 @@ class Reading:
 
 @dataclass(frozen=True)
 class Source:
-    """An open device. ``read`` takes about as long as it is worth averaging, and raises ``RigError``."""
+    """An open device. ``read`` averages over a suitable time and raises ``RigError``."""
 
     identity: str
     read: Callable[[], Reading]
@@ -64,7 +66,7 @@ Opener = Callable[[], AbstractContextManager[Source]]
 
 
 def sources_of(config: RigConfig) -> dict[str, Opener]:
-    """A way to open each device of the configuration, by the name that the operator knows."""
+    """A function to open each configured device, by the device's name."""
     found: dict[str, Opener] = {
         "head": partial(_head, config.pan_tilt),
         "inclinometer": partial(_inclinometer, config.inclinometer),
@@ -78,13 +80,13 @@ def sources_of(config: RigConfig) -> dict[str, Opener]:
 
 @contextmanager
 def _head(section: PanTiltSection) -> Iterator[Source]:
-    """Both servos, by a bus of its own: ``PanTilt`` would switch the torque off and write limits."""
+    """Both servos, on its own bus object: ``PanTilt`` would switch the torque off and write limits."""
     with closing(ServoBus(SerialPort(section.port, section.baud))) as bus:
         joints = {"pan": section.pan, "tilt": section.tilt}
         servos = {name: Servo(bus, joint.id, joint.model, name) for name, joint in joints.items()}
         firmware = retry(partial(require_models, bus, {joint.id: joint.model for joint in joints.values()}))
         for servo in servos.values():
-            retry(servo.answer_reads)
+            retry(servo.ensure_reads_answered)
         identity = ", ".join(
             f"{name} {joint.model} firmware {firmware[joint.id]} (id {joint.id})"
             for name, joint in joints.items()
@@ -154,7 +156,7 @@ def _compass(section: CompassSection, place: Place | None) -> Iterator[Source]:
 
 
 def _doubts(reading: HeadingReading, section: NmeaCompassSection, place: Place | None) -> tuple[str, ...]:
-    """What a capture would note of a heading, or be refused for."""
+    """The notes, or the error, that a capture would make of a heading."""
     try:
         return tuple(heading_doubts([reading], section, place))
     except RigError as error:
@@ -173,7 +175,7 @@ def _heading(reading: HeadingReading, warnings: tuple[str, ...]) -> Reading:
 
 
 def _field(readings: list[FieldReading], section: Mmc5983maSection) -> Reading:
-    """The field in axes of the pan stage, without the stage's calibrated iron."""
+    """The field in axes of the pan stage, corrected for the stage's calibrated iron."""
     chip_ut = np.array([[reading.x_ut, reading.y_ut, reading.z_ut] for reading in readings]).mean(axis=0)
     stage_ut = in_axes(chip_ut, section.axes) - np.array(section.hard_iron_ut)
     right_ut, ahead_ut, up_ut = np.linalg.solve(np.array(section.soft_iron), stage_ut).tolist()
@@ -201,7 +203,7 @@ def _altimeter(section: AltimeterSection, bounds: Sequence[AltitudeBounds]) -> I
                 "temperature_c": _rounded(pressure.temperature_c),
             }
             try:
-                require_possible(
+                require_plausible_altitude(
                     altitude.altitude_m, pressure.pressure_hpa, section, barometer.identify(), bounds
                 )
             except DeviceError as error:
@@ -219,7 +221,7 @@ def _camera(section: CameraSection) -> Iterator[Source]:
 
 
 def _read_camera(camera: Camera) -> Reading:
-    """Count the frames of a second, and look at the first and the last."""
+    """Frame rate over a second, and checks of the first and the last frame."""
     first = last = camera.frame_after(time.monotonic())
     count = 1
     while last.arrived.monotonic_s - first.arrived.monotonic_s < CAMERA_S:

@@ -1,4 +1,4 @@
-"""The watch as a table, as one line, and as JSON values."""
+"""Output of ``rig watch``: as a table, as one line, and as JSON values."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -8,7 +8,7 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from rig.capture.measure import utc_text
+from rig.capture.averaged_readings import utc_text
 from rig.clock import utc_now
 from rig.fault_notes import FaultNote
 from rig.watch.attitudes import Attitudes, fresh_values
@@ -21,7 +21,7 @@ NOTES_SHOWN = 3
 def as_json(
     rig: str, statuses: Sequence[DeviceStatus], found: Attitudes, notes: Sequence[FaultNote]
 ) -> dict[str, Any]:
-    """One moment; ``overcome`` counts what went wrong and was put right since the watch began."""
+    """A snapshot; ``overcome`` counts recovered faults since the start."""
     return {
         "time": utc_text(utc_now()),
         "rig": rig,
@@ -35,7 +35,7 @@ def as_json(
 
 
 def line(statuses: Sequence[DeviceStatus], found: Attitudes) -> str:
-    """One moment in a line."""
+    """A snapshot as one line."""
     parts = [
         _angles("pan", found.pan_deg, "tilt", found.tilt_deg, digits=1),
         _angles("head tilt", found.head_tilt_deg, "roll", found.head_roll_deg, digits=2),
@@ -53,7 +53,7 @@ def line(statuses: Sequence[DeviceStatus], found: Attitudes) -> str:
 
 
 def table(rig: str, statuses: Sequence[DeviceStatus], found: Attitudes, notes: Sequence[FaultNote]) -> Group:
-    """One moment for a terminal."""
+    """A snapshot as a table for a terminal."""
     devices = Table(title=f"{rig}, {utc_now():%Y-%m-%d %H:%M:%S} UTC", title_justify="left", expand=True)
     for name, ratio in (("device", 3), ("", 2), ("reading", 8), ("health", 5)):
         devices.add_column(name, ratio=ratio)

@@ -1,4 +1,6 @@
-"""A thread a device that reads it again and again, and opens it anew where it fails; the newest of each for whoever looks."""
+"""One thread per device reads it continuously and reopens it after failures; the newest readings are available at any
+time.
+"""
 
 import threading
 import time
@@ -11,17 +13,17 @@ from rig.errors import RigError
 from rig.watch.sources import Opener, Reading
 
 RETRY_FIRST_S, RETRY_MOST_S = 0.5, 4.0
-SILENT_S = 3.0
-"""Older than this is no reading of this moment: an exchange hangs, or is being tried again."""
+STALE_AFTER_S = 3.0
+"""An older reading is stale: an exchange hangs, or is being retried."""
 END_S = 6.0
-"""A thread ends with its reading, which takes that long only where a port was pulled out."""
+"""A thread ends after its current reading, which takes this long only if a port was unplugged."""
 
 State = Literal["connecting", "ok", "warning", "silent", "failing"]
 
 
 @dataclass(frozen=True)
 class DeviceStatus:
-    """One device. ``problem`` is what ails it now, ``reading`` the last good one, of whatever age."""
+    """State of one device. ``problem`` is its present fault, ``reading`` the last good one, of any age."""
 
     name: str
     state: State
@@ -32,19 +34,19 @@ class DeviceStatus:
 
     @property
     def age_s(self) -> float | None:
-        """How old the reading is."""
+        """Age of the reading."""
         return None if self.reading is None else time.monotonic() - self.reading.monotonic_s
 
-    def at_this_moment(self) -> "DeviceStatus":
-        """The same, with a reading that has grown old counted as a problem."""
+    def with_staleness(self) -> "DeviceStatus":
+        """The status, with a stale reading turned into a problem."""
         age_s = self.age_s
-        if age_s is None or age_s <= SILENT_S or self.state == "failing":
+        if age_s is None or age_s <= STALE_AFTER_S or self.state == "failing":
             return self
         return replace(self, state="silent", problem=f"no reading for {age_s:.0f} s")
 
 
 class Watcher:
-    """Watches devices while the context lasts."""
+    """Reads devices while the context lasts."""
 
     def __init__(self, openers: Mapping[str, Opener]) -> None:
         self._lock = threading.Lock()
@@ -69,11 +71,11 @@ class Watcher:
             thread.join(max(0.0, deadline_s - time.monotonic()))
 
     def statuses(self) -> list[DeviceStatus]:
-        """All devices at this moment."""
+        """The status of all devices now."""
         with self._lock:
-            return [status.at_this_moment() for status in self._statuses.values()]
+            return [status.with_staleness() for status in self._statuses.values()]
 
-    def wait_heard(self, timeout_s: float) -> None:
+    def wait_first_readings(self, timeout_s: float) -> None:
         """Wait until each device has been read or has failed."""
         deadline_s = time.monotonic() + timeout_s
         while time.monotonic() < deadline_s and any(s.state == "connecting" for s in self.statuses()):

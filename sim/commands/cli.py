@@ -29,12 +29,12 @@ if TYPE_CHECKING:
 P = ParamSpec("P")
 T = TypeVar("T")
 
-# What draws worlds is slow to import, and --help and bad usage should not wait for it: the commands import it.
+# Rendering modules are slow to import; commands import them, so that --help and usage errors are fast.
 
 
 def main() -> NoReturn:
     """Entry point of the ``sim`` script."""
-    # A polite end tears the fake devices down, as Ctrl-C does.
+    # SIGTERM shuts the fake devices down, as Ctrl-C does.
     signal.signal(signal.SIGTERM, lambda number, _frame: sys.exit(128 + number))
     command_line.run(sim, "sim")
 
@@ -45,7 +45,7 @@ _seed_option = click.option(
 
 
 def _world_options(function: Callable[P, T]) -> Callable[P, T]:
-    """The options that say which world is simulated."""
+    """The options that select the simulated world."""
     for option in (
         click.option(
             "--scenario",

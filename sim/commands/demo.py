@@ -1,4 +1,4 @@
-"""The whole chain once, as a user sees it: a simulated rig somewhere, a capture, a fix, and how far off it is."""
+"""``sim demo``: the whole chain as a user runs it: a simulated rig at a drawn place, a capture, a fix, and its error."""
 
 import json
 import subprocess
@@ -20,7 +20,7 @@ from sim.launch.launcher import simulated_rig
 from sim.world.truth import World
 
 WRONG_BEYOND_M = 30.0
-"""One cell of the terrain that ships: a fix nearer than that is right whatever it says of its own sigma."""
+"""One cell of the included terrain: a nearer fix is right whatever its sigma."""
 
 WRONG_BEYOND_SIGMAS = 3.72
 """99.9 % of a normal distribution in the plane lies within this many sigmas."""
@@ -30,19 +30,19 @@ HONEST_EXITS = (0, 3, 4)  # of localizer locate: fix, ambiguous, none
 
 
 class Claim(NamedTuple):
-    """How well a position says that it is known, in metres of the ground."""
+    """The stated uncertainty of a position, metres of the ground."""
 
     major_m: float
     """One standard deviation along the ellipse's longer axis."""
     minor_m: float
     azimuth_deg: float
-    """Of the longer axis, from true north, 0 to 180."""
+    """Azimuth of the longer axis from true north, 0 to 180."""
     within_95_m: float
     """Half the length of the ellipse that holds 95 %."""
 
 
 def claim_of(fix: Fix) -> Claim | None:
-    """Of a fix; None where there is no position."""
+    """The stated uncertainty of a fix; None without a position."""
     if fix.position is None or fix.covariance_m2 is None:
         return None
     axes = ellipse(fix.covariance_m2)
@@ -53,7 +53,7 @@ def claim_of(fix: Fix) -> Claim | None:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What the demo came to. ``error_m`` is None where there is no position."""
+    """Result of the demo. ``error_m`` is None without a position."""
 
     fix: Fix
     error_m: float | None
@@ -61,12 +61,12 @@ class Outcome:
 
     @property
     def claimed(self) -> Claim | None:
-        """How well the position says that it is known."""
+        """The stated uncertainty of the position."""
         return claim_of(self.fix)
 
     @property
     def wrong(self) -> bool:
-        """Whether a wrong place is called a fix."""
+        """Whether a wrong place has status ``fix``."""
         if self.fix.status != "fix" or self.error_m is None or self.error_sigmas is None:
             return False
         return self.error_m > WRONG_BEYOND_M and self.error_sigmas > WRONG_BEYOND_SIGMAS
@@ -75,7 +75,8 @@ class Outcome:
 def demo(world: World, dem_paths: Sequence[Path], out: Path, as_json: bool = False) -> int:
     """Capture with ``rig`` and locate with ``localizer``, both as subprocesses; returns the exit status.
 
-    Writes the bundle, ``fix.json``, ``fix.png`` and ``truth.json`` into ``out``. 0 where the answer is honest.
+    Writes the bundle, ``fix.json``, ``fix.png`` and ``truth.json`` into ``out``. Returns 0 if the answer is consistent
+    with its stated uncertainty.
 
     Raises:
         SimulationError: ``rig`` or ``localizer`` is not installed, or a capture left no bundle.
@@ -118,7 +119,7 @@ def demo(world: World, dem_paths: Sequence[Path], out: Path, as_json: bool = Fal
 def _locate(
     bundle: Path, dem_paths: Sequence[Path], truth_path: Path, picture: Path
 ) -> subprocess.CompletedProcess[str]:
-    """The truth is for the picture and the report only: the search does not see it."""
+    """The truth is used for the picture and the report only; the search does not get it."""
     dems = [word for path in dem_paths for word in ("--dem", str(path))]
     command = [find_command("localizer"), "locate", str(bundle), *dems, "--json"]
     return subprocess.run(
@@ -141,7 +142,7 @@ def judge(fix: Fix, truth: dict[str, Any]) -> Outcome:
 
 
 def summary(outcome: Outcome, truth: dict[str, Any]) -> str:
-    """The result in lines for people to read."""
+    """The result as text."""
     fix = outcome.fix
     lines = [f"status      {fix.status}, probability {fix.probability:.3f}"]
     if fix.position is not None:

@@ -1,4 +1,4 @@
-"""``sim drive``: the vehicle of a simulated rig that runs goes elsewhere."""
+"""``sim drive``: moves the vehicle of a running simulated rig."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""``sim evaluate``: how good the localizer is, in figures."""
+"""``sim evaluate``: measures the localizer's accuracy and reliability on many cases."""
 
 from pathlib import Path
 from typing import Literal
@@ -10,7 +10,7 @@ from localizer.commands.command_line import OutputFolder, dem_files_option
 from localizer.output_files import prepare_folder
 from sim.commands.failures import one_line_failures
 
-# What draws and locates cases is slow to import, and --help and bad usage should not wait for it.
+# Modules that make and locate cases are slow to import; commands import them, so that --help is fast.
 
 
 @click.command()
@@ -92,9 +92,9 @@ def evaluate(
     from sim.evaluate.case import Experiment
     from sim.evaluate.image_level import refuse_contour_faults
     from sim.evaluate.progress import counting
-    from sim.evaluate.report import write_report
     from sim.evaluate.run import run_cases
     from sim.evaluate.scenario import load_evaluation_scenario
+    from sim.evaluate.summary_files import write_summary
 
     scenario = load_evaluation_scenario(scenario_path)
     if level == "image":
@@ -106,13 +106,13 @@ def evaluate(
     numbers = sorted(set(only)) or list(range(cases))
     with counting(len(numbers)) as report:
         rows = run_cases(experiment, numbers, folder / "cases.csv", jobs, fresh, report)
-    text = write_report(rows, scenario_path.stem, folder)
+    text = write_summary(rows, scenario_path.stem, folder)
     click.echo((folder / "summary.json").read_text(encoding="utf-8").strip() if as_json else text)
     return 0
 
 
 def _refuse_what_is_of_cases() -> None:
-    """Options that photographs have no use for: whoever gives one expects something that is not done."""
+    """Reject options that do not apply to photographs."""
     context = click.get_current_context()
     for parameter in context.command.params:
         name = parameter.name or ""

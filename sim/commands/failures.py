@@ -1,4 +1,4 @@
-"""How the simulator's failures reach the user."""
+"""Error handling of the simulator's commands."""
 
 from collections.abc import Callable
 from functools import wraps
@@ -12,7 +12,7 @@ T = TypeVar("T")
 
 
 def one_line_failures(function: Callable[P, T]) -> Callable[P, T]:
-    """Turn the simulator's failures into the ones that end a command with one line and status 2."""
+    """Convert the simulator's errors into those that end a command with one line and status 2."""
 
     @wraps(function)
     def wrapped(*args: P.args, **kwargs: P.kwargs) -> T:

@@ -1,4 +1,4 @@
-"""Options that several commands of ``sim`` share."""
+"""Options shared by commands of ``sim``."""
 
 from pathlib import Path
 

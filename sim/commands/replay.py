@@ -21,7 +21,7 @@ def replay(log: Path, command: tuple[str, ...]) -> int:
 
     Example: sim replay field.log -- rig check
     """
-    from sim.replay.replay import replaying
+    from sim.replay.playback import replaying
 
     find_command(command[0])
     with replaying(log) as played:

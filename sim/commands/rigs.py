@@ -1,4 +1,4 @@
-"""The command ``sim rigs``: calibrate rigs fresh from the workshop, and say what is left in their bundles."""
+"""The command ``sim rigs``: calibrates uncalibrated simulated rigs and reports the remaining errors of their bundles."""
 
 import json
 import math
@@ -14,7 +14,7 @@ from sim.commands.failures import one_line_failures
 from sim.commands.options import EMBEDDED_DEM, dem_option
 
 if TYPE_CHECKING:
-    from sim.rigs.rigs import RigResult
+    from sim.rigs.calibration_trial import RigResult
 
 HERE = Path(__file__).parents[1]
 UNCALIBRATED = HERE.parent / "configs" / "scenarios" / "uncalibrated.toml"
@@ -63,12 +63,12 @@ def rigs(
 
     Example: sim rigs --rigs 20 --csv rigs.csv
     """
-    from sim.rigs.rigs import calibrate_rigs, write_csv
+    from sim.rigs.calibration_trial import calibrate_rigs, write_csv
     from sim.world.scenario import load_scenario
 
     so_far: list[RigResult] = []
 
-    def hear(result: "RigResult") -> None:
+    def on_result(result: "RigResult") -> None:
         so_far.append(result)
         click.echo(one_line(result), err=True)
         if csv_path is not None:
@@ -79,7 +79,7 @@ def rigs(
         load_scenario(scenario_path or UNCALIBRATED),
         range(seed, seed + count),
         jobs,
-        hear,
+        on_result,
         keep,
     )
     if as_json:
@@ -90,16 +90,16 @@ def rigs(
 
 
 def one_line(result: "RigResult") -> str:
-    """What is left in the bundles of one rig, or why there are none."""
-    from sim.rigs.rigs import LIMITS
+    """The remaining errors in the bundles of one rig, or why there are none."""
+    from sim.rigs.calibration_trial import LIMITS
 
     errors = ", ".join(f"{name} {getattr(result, name):.3f}" for name in LIMITS)
     return f"rig {result.seed}: {result.refused or errors}"
 
 
 def to_json(results: Sequence["RigResult"]) -> str:
-    """All rigs, and the limits that their errors are held against; null for what was not measured."""
-    from sim.rigs.rigs import LIMITS
+    """All rigs, and the limits of their errors; null for what was not measured."""
+    from sim.rigs.calibration_trial import LIMITS
 
     rows = [
         {
@@ -115,12 +115,12 @@ def to_json(results: Sequence["RigResult"]) -> str:
 
 
 def print_table(results: Sequence["RigResult"]) -> None:
-    """A row a rig, and below how large the errors are against their limits."""
+    """One row per rig, and below the errors against their limits."""
     import numpy as np
     from rich.console import Console
     from rich.table import Table
 
-    from sim.rigs.rigs import LIMITS
+    from sim.rigs.calibration_trial import LIMITS
 
     names = {
         "tilt_deg": "tilt",

@@ -59,7 +59,7 @@ class Adxl355(RegisterChip):
         self._busy_until_s = clock()
 
     def power_cycle(self) -> None:
-        """Begin anew, as after a drop of the supply voltage."""
+        """Reset, as after a drop of the supply voltage."""
         self._reset()
 
     def _reset(self) -> None:

@@ -1,4 +1,4 @@
-"""BMP390 and BMP388: barometers (data sheet BST-BMP390-DS002). Compensation is turned round numerically."""
+"""BMP390 and BMP388: barometers (data sheet BST-BMP390-DS002). The compensation is inverted numerically."""
 
 import struct
 from collections.abc import Callable
@@ -105,7 +105,7 @@ class Bmp3(RegisterChip):
         self._reset()
 
     def power_cycle(self) -> None:
-        """Begin anew, as after a drop of the supply voltage."""
+        """Reset, as after a drop of the supply voltage."""
         self._reset()
 
     def _reset(self) -> None:
@@ -188,7 +188,7 @@ class Bmp3(RegisterChip):
         return {CHIP_ID: self._chip_id, REV_ID: 0x01}.get(register, self._register(register))
 
     def _take(self, values: bytes) -> None:
-        """A burst write is pairs of register and value: writing does not move the pointer on."""
+        """A burst write consists of (register, value) pairs: writing does not advance the pointer."""
         for i, value in enumerate(values):
             if i % 2 == 0:
                 self._write(self._pointer, value)

@@ -1,4 +1,4 @@
-"""A camera as an MJPEG stream over HTTP on loopback: each frame is taken at the moment that it is sent."""
+"""A camera as an MJPEG stream over HTTP on loopback; each frame is taken when it is sent."""
 
 import contextlib
 import re
@@ -20,9 +20,9 @@ BOUNDARY = "frame"
 
 
 class CameraStream:
-    """Serves ``frame()`` (height, width, 3; BGR) at ``rate_hz`` to whoever connects; idle while nobody does.
+    """Serves ``frame()`` (height, width, 3; BGR) at ``rate_hz`` to all clients; idle without clients.
 
-    ``alter`` may change a picture before it is sent, or hold it back (None). GET /exposure?ev=-1 halves the light.
+    ``alter`` may modify a picture before it is sent, or suppress it (None). GET /exposure?ev=-1 halves the light.
     """
 
     def __init__(
@@ -45,12 +45,12 @@ class CameraStream:
 
     @property
     def url(self) -> str:
-        """What a rig configuration names as the source."""
+        """The URL for [camera] source."""
         return f"http://127.0.0.1:{self._server.server_port}{PATH}"
 
     @property
     def exposure_url(self) -> str:
-        """What a rig configuration names to set the exposure."""
+        """The URL for [camera] exposure_url."""
         return f"http://127.0.0.1:{self._server.server_port}/exposure?ev={{ev}}"
 
     def close(self) -> None:
@@ -100,7 +100,7 @@ class CameraStream:
                 stream._connections.discard(self.connection)
 
             def log_message(self, format: str, *args: object) -> None:  # noqa: A002 - the base class's name
-                """Say nothing: the terminal belongs to the command under test."""
+                """Log nothing: the terminal belongs to the command under test."""
 
         return Handler
 
@@ -118,7 +118,7 @@ class CameraStream:
 
 
 def _exposed(picture: NDArray[np.uint8], ev: float) -> NDArray[np.uint8]:
-    """The picture with 2**ev times the light, in the levels that a camera makes of it."""
+    """The picture with 2**ev times the light, gamma-encoded like a camera's."""
     if ev == 0.0:
         return picture
     levels = np.rint(picture.astype(np.float32) * 2.0 ** (ev / GAMMA))

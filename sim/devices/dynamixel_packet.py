@@ -49,7 +49,7 @@ class StatusError(IntEnum):
 
 @dataclass(frozen=True)
 class Request:
-    """One instruction packet, un-stuffed. ``instruction`` is raw: a servo must answer unknown ones too."""
+    """One instruction packet, un-stuffed. ``instruction`` is a plain number, as a servo must also answer unknown ones."""
 
     servo_id: int
     instruction: int
@@ -93,14 +93,14 @@ def packet(servo_id: int, payload: bytes) -> bytes:
 
 
 def status_packet(servo_id: int, error: int, parameters: bytes = b"") -> bytes:
-    """What a servo answers. ``error`` carries the alert bit already."""
+    """The status packet of a servo. ``error`` includes the alert bit."""
     return packet(servo_id, bytes([STATUS, error]) + parameters)
 
 
 def fast_status_packet(parts: list[tuple[int, int, bytes]], announced_length: int) -> bytes:
-    """The one joint answer to a fast read: (id, error, data) of each servo, each followed by the CRC so far.
+    """The combined answer to a fast read: (id, error, data) of each servo, each followed by the CRC so far.
 
-    ``announced_length`` is the length field; parts may be missing at the end where a servo did not speak.
+    ``announced_length`` is the length field; parts may be missing at the end if a servo did not answer.
     """
     line = HEADER + bytes([BROADCAST_ID]) + announced_length.to_bytes(2, "little") + bytes([STATUS])
     for servo_id, error, data in parts:
@@ -110,17 +110,17 @@ def fast_status_packet(parts: list[tuple[int, int, bytes]], announced_length: in
 
 
 class RequestReader:
-    """Finds instruction packets in a stream of bytes; skips whatever is between them."""
+    """Finds instruction packets in a byte stream and skips everything else."""
 
     def __init__(self) -> None:
         self._buffer = bytearray()
 
     def forget(self) -> None:
-        """Drop a packet that was begun and never ended: the line was idle for too long."""
+        """Drop an incomplete packet after the line was idle for too long."""
         self._buffer.clear()
 
     def feed(self, data: bytes) -> Iterator[Request]:
-        """Yield the packets that ``data`` completes. Status packets, a servo's own echo, are passed over."""
+        """Yield the packets that ``data`` completes. Status packets, a servo's own echo, are skipped."""
         self._buffer += data
         while True:
             start = self._buffer.find(HEADER)

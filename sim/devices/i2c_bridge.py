@@ -23,7 +23,7 @@ RECEIVE_SIZE = 4096
 class I2cBridge:
     """Serves ``buses`` (number to chips) on a free port of 127.0.0.1 until closed.
 
-    ``fault`` is asked before each transfer with bus and address, and may name an errno to fail with.
+    ``fault`` is called before each transfer with bus and address, and may return an errno to fail with.
     """
 
     def __init__(
@@ -42,7 +42,7 @@ class I2cBridge:
         self._thread.start()
 
     def url(self, bus: int) -> str:
-        """What a rig configuration names for ``bus``."""
+        """The URL of ``bus`` for a rig configuration."""
         return f"tcp://127.0.0.1:{self._port}/{bus}"
 
     def close(self) -> None:
@@ -74,7 +74,7 @@ class I2cBridge:
                         end.close()
 
     def _attend(self, connection: socket.socket) -> bool:
-        """Answer what has arrived on a connection; False once the other side is gone."""
+        """Answer the requests received on a connection; False once the other side has closed it."""
         with contextlib.suppress(ConnectionError):
             data = connection.recv(RECEIVE_SIZE)
             self._pending[connection] += data

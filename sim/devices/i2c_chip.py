@@ -1,4 +1,4 @@
-"""What an I2C chip is to its bus, and the register file that nearly all chips are."""
+"""The interface of an I2C chip, and a base class for chips with a register file."""
 
 from abc import ABC, abstractmethod
 from typing import Protocol
@@ -10,22 +10,23 @@ class I2cChip(Protocol):
     address: int
 
     def transfer(self, write: bytes, read_length: int) -> bytes:
-        """Take ``write``, answer ``read_length`` bytes; OSError where the chip does not acknowledge."""
+        """Receive ``write``, answer ``read_length`` bytes; OSError if the chip does not acknowledge."""
         ...
 
 
 class PoweredChip(I2cChip, Protocol):
-    """A chip whose power can fail for a moment."""
+    """A chip with a power-cycle."""
 
     def power_cycle(self) -> None:
-        """Begin anew: configuration and measurements are lost."""
+        """Power-cycle: configuration and measurements are lost."""
         ...
 
 
 class RegisterChip(ABC):
-    """A register file: the first byte written is the register, further ones go there and onwards.
+    """A register file: the first byte written is the register address, further bytes are data for it and the following
+    ones.
 
-    Reading goes on from the register last named. Subclasses say what a register holds.
+    Reading continues from the last register address. Subclasses define the registers' content.
     """
 
     def __init__(self, address: int) -> None:
@@ -59,12 +60,12 @@ class RegisterChip(ABC):
 
     @abstractmethod
     def _wake(self) -> None:
-        """Bring the chip's state up to now, once at the start of each transfer."""
+        """Update the chip's state to the present, at the start of each transfer."""
 
     @abstractmethod
     def _read(self, register: int) -> int:
-        """The byte in ``register``; reading may have an effect."""
+        """The byte in ``register``; reading may have side effects."""
 
     @abstractmethod
     def _write(self, register: int, value: int) -> None:
-        """Take a byte for ``register``; read-only and reserved ones ignore it."""
+        """Write a byte to ``register``; read-only and reserved ones ignore it."""

@@ -1,4 +1,6 @@
-"""IIS2ICLX: two-axis inclinometer, 16 bit (data sheet and AN5509, register map); and a relative with its identity."""
+"""IIS2ICLX: two-axis inclinometer, 16 bit (data sheet and AN5509, register map); and a related chip with the same
+identity.
+"""
 
 from collections.abc import Callable
 
@@ -53,7 +55,7 @@ class Iis2iclx(RegisterChip):
         self._reset()
 
     def power_cycle(self) -> None:
-        """Begin anew, as after a drop of the supply voltage."""
+        """Reset, as after a drop of the supply voltage."""
         self._reset()
 
     def _reset(self) -> None:
@@ -71,7 +73,7 @@ class Iis2iclx(RegisterChip):
         self._sampler.start(self._clock(), ODR_HZ[min(control >> 4, 7)], divider)
 
     def _seen_g(self) -> NDArray[np.float64]:
-        """What the sensor sees with the self-test, the offsets of the user and the high-pass that may have been left on."""
+        """Acceleration seen by the sensor, including self-test, user offsets and high-pass that may have been left on."""
         registers = self._registers
         if registers.get(CTRL8_XL, 0) & HIGH_PASS:
             return np.zeros(self.axes)
@@ -114,7 +116,7 @@ class Iis2iclx(RegisterChip):
         return self._registers.get(register, 0)
 
     def _read_output(self, index: int) -> int:
-        """With block update an axis stays as it is from the first of its bytes read to the second."""
+        """With block update an axis is latched from the read of its first byte to that of its second."""
         self._ready &= ~ACCELERATION_READY
         partner = index ^ 1
         if partner in self._unread or index in self._unread:
@@ -127,7 +129,7 @@ class Iis2iclx(RegisterChip):
         return bool(self._registers[CTRL3_C] & AUTO_INCREMENT) and register >= 0
 
     def _other_bank(self) -> bool:
-        """Whether the addresses name the registers of the embedded functions or of the sensor hub."""
+        """Whether the register bank of the embedded functions or of the sensor hub is selected."""
         return bool(self._registers.get(FUNC_CFG_ACCESS, 0) & (EMBEDDED_BANK | SENSOR_HUB_BANK))
 
     def _write(self, register: int, value: int) -> None:
@@ -143,9 +145,9 @@ class Iis2iclx(RegisterChip):
 
 
 class Ism330dhcx(Iis2iclx):
-    """ISM330DHCX, by whose side LSM6DSR and ASM330LHH are the same here: three axes, 2 to 16 g, the identity of the other.
+    """ISM330DHCX, equivalent here to LSM6DSR and ASM330LHH: three axes, 2 to 16 g, the same identity as the IIS2ICLX.
 
-    The codes of its ranges mean four times what they mean in the IIS2ICLX (data sheet ISM330DHCX Rev. 7, 4.1).
+    Its range codes stand for four times those of the IIS2ICLX (data sheet ISM330DHCX Rev. 7, 4.1).
     """
 
     axes = 3

@@ -28,8 +28,8 @@ FULL_SCALE = 262143
 class Mmc5983ma(RegisterChip):
     """The chip, measuring ``field_ut()`` (3,) in its own axes.
 
-    ``bridge_offset_ut`` is the zero error that SET and RESET uncover: a RESET turns the sign of the field,
-    not that of the offset. ``noise_ut`` is one sigma per axis of one conversion at 100 Hz bandwidth.
+    ``bridge_offset_ut`` is the zero error that SET and RESET separate: a RESET inverts the field but not the offset.
+    ``noise_ut`` is one sigma per axis of one conversion at 100 Hz bandwidth.
     """
 
     def __init__(
@@ -54,7 +54,7 @@ class Mmc5983ma(RegisterChip):
         self._deaf_until_s = clock()
 
     def power_cycle(self) -> None:
-        """Begin anew, as after a drop of the supply voltage."""
+        """Reset, as after a drop of the supply voltage."""
         self._reset()
 
     def _reset(self) -> None:
@@ -68,7 +68,7 @@ class Mmc5983ma(RegisterChip):
         self._deaf_until_s = self._clock() + SOFT_RESET_S
 
     def transfer(self, write: bytes, read_length: int) -> bytes:
-        """See ``I2cChip``. Does not acknowledge while it starts anew."""
+        """See ``I2cChip``. Does not acknowledge during a reset."""
         if self._clock() < self._deaf_until_s:
             raise OSError(121, "no acknowledge: soft reset under way")
         return super().transfer(write, read_length)

@@ -1,4 +1,4 @@
-"""How a shaft moves: a velocity profile in closed form, known for any instant without a thread."""
+"""Motion of a shaft: a velocity profile in closed form, evaluated at any time without a thread."""
 
 import math
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ STEP, RECTANGLE, TRIANGLE, TRAPEZOID = range(4)
 
 @dataclass(frozen=True)
 class Phase:
-    """A stretch of constant acceleration. Units of length are the caller's (ticks here)."""
+    """A phase of constant acceleration. Units of length are the caller's (here ticks)."""
 
     start_s: float
     position: float
@@ -20,7 +20,7 @@ class Phase:
 
 @dataclass(frozen=True)
 class Motion:
-    """Phases one after the other; before the first and after the last the shaft stands still."""
+    """Consecutive phases; before the first and after the last the shaft is stationary."""
 
     phases: tuple[Phase, ...]
     goal: float
@@ -28,7 +28,7 @@ class Motion:
 
     @property
     def end_s(self) -> float:
-        """When the shaft has come to its end."""
+        """Time at which the motion ends."""
         last = self.phases[-1]
         return last.start_s + last.duration_s
 
@@ -45,7 +45,7 @@ class Motion:
 
 
 def rest(position: float, time_s: float) -> Motion:
-    """A shaft that stands still."""
+    """A stationary shaft."""
     return Motion((Phase(time_s, position, 0.0, 0.0, 0.0),), position)
 
 
@@ -69,7 +69,7 @@ def stop(position: float, velocity: float, deceleration: float, time_s: float) -
 def move(
     position: float, velocity: float, goal: float, top_speed: float, acceleration: float, time_s: float
 ) -> Motion:
-    """The fastest way to rest at ``goal`` within ``top_speed`` and ``acceleration``, from any velocity."""
+    """The fastest motion to a standstill at ``goal`` within ``top_speed`` and ``acceleration``, from any velocity."""
     braking = velocity * abs(velocity) / (2 * acceleration)
     way = goal - position
     direction = math.copysign(1.0, way - braking) if way != braking else math.copysign(1.0, velocity)

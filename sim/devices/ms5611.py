@@ -47,7 +47,7 @@ def compensate(pressure_raw: int, temperature_raw: int, c: tuple[int, ...] = COE
 def compensate_5607(
     pressure_raw: int, temperature_raw: int, c: tuple[int, ...] = COEFFICIENTS_5607
 ) -> tuple[int, int]:
-    """``compensate`` of the MS5607."""
+    """The compensation of the MS5607."""
     difference = temperature_raw - c[4] * 2**8
     first_order = 2000 + difference * c[5] // 2**23
     offset = c[1] * 2**17 + c[3] * difference // 2**6
@@ -113,7 +113,7 @@ class Ms5611:
         return (answer + bytes(read_length))[:read_length]
 
     def power_cycle(self) -> None:
-        """Begin anew, as after a drop of the supply voltage."""
+        """Reset, as after a drop of the supply voltage."""
         self._command(RESET)
 
     def _command(self, command: int) -> None:
@@ -138,14 +138,14 @@ class Ms5611:
         return _smallest(lambda raw: self.compensate(raw, raw_temperature)[1] >= pressure_pa)
 
     def _result(self) -> int:
-        """The conversion's result, once; 0 when asked too early, which spoils it, or again."""
+        """The conversion's result, once; 0 if read too early, which invalidates it, or a second time."""
         result = self._converted if self._clock() >= self._done_s else 0
         self._converted = 0
         return result
 
 
 class Ms5607(Ms5611):
-    """The MS5607: it answers the same, and its raw values mean another pressure."""
+    """The MS5607: the same commands, but raw values of another pressure."""
 
     coefficients = COEFFICIENTS_5607
     compensate = staticmethod(compensate_5607)

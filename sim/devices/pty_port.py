@@ -1,4 +1,4 @@
-"""A serial port whose far end is a fake device: a pseudo-terminal with one thread that answers."""
+"""A serial port with a fake device at its far end: a pseudo-terminal with one thread that answers."""
 
 import array
 import contextlib
@@ -13,7 +13,7 @@ from pathlib import Path
 
 READ_SIZE = 4096
 STALE_BYTES = 2048
-"""A talker that nobody listens to loses what it said, as on a line whose port is closed."""
+"""Without a reader a talker's output is dropped, as on a line whose port is closed."""
 
 _BAUD_OF_SPEED = {
     getattr(termios, f"B{rate}"): rate
@@ -29,9 +29,8 @@ Device = Callable[[bytes], bytes]
 class PtyPort:
     """A pseudo-terminal. ``path`` is what the program under test opens in place of /dev/ttyUSB0.
 
-    Closing or unplugging the port while the program has it open looks like a USB adapter that was pulled out
-    (EIO). Plugged in again it is another terminal; a name that lasts, as those of /dev/serial/by-id, is given by
-    ``keep_name``.
+    Closing or unplugging the port while the program has it open looks like an unplugged USB adapter (EIO). Plugged in
+    again it is another terminal; ``keep_name`` gives it a persistent name, like those of /dev/serial/by-id.
     """
 
     def __init__(self) -> None:
@@ -47,28 +46,28 @@ class PtyPort:
 
     @property
     def path(self) -> str:
-        """The lasting name where there is one, else that of the terminal."""
+        """The persistent name if there is one, else that of the terminal."""
         return str(self._link) if self._link else self._terminal
 
     @property
     def baud(self) -> int:
-        """The rate that the program set on its end; 0 where it is none that a serial device has."""
+        """The baud rate set by the program; 0 if no serial device has it."""
         with self._lock:
             return _BAUD_OF_SPEED.get(termios.tcgetattr(self._ends[1])[5], 0) if self._ends else 0
 
     def keep_name(self, link: Path) -> None:
-        """Make ``link`` point at the terminal, whichever it is, while the port is plugged in."""
+        """Let ``link`` point at the current terminal while the port is plugged in."""
         link.parent.mkdir(parents=True, exist_ok=True)
         link.symlink_to(self._terminal)
         self._link = link
 
     def answer(self, device: Device) -> None:
-        """Hand what arrives to ``device`` and send back what it returns, in a thread, until ``close``."""
+        """Pass received bytes to ``device`` and send its result back, in a thread, until ``close``."""
         self._device = device
         self._start()
 
     def send(self, data: bytes) -> None:
-        """Send without waiting. What does not fit into the line's buffer is lost, as on a wire."""
+        """Send without blocking. What does not fit into the line's buffer is lost, as on a wire."""
         with self._lock:
             if self._ends is None or not data:
                 return
@@ -79,7 +78,7 @@ class PtyPort:
                 os.write(device_end, data)
 
     def unplug(self) -> None:
-        """Pull the adapter out: the terminal is gone, and its lasting name with it. Twice is no error."""
+        """Unplug the adapter: the terminal and its persistent name disappear. May be called twice."""
         with self._lock:
             ends, self._ends = self._ends, None
         if ends is None:
@@ -95,7 +94,7 @@ class PtyPort:
             os.close(end)
 
     def plug_in(self) -> None:
-        """Plug the adapter in again, as another terminal under the same lasting name."""
+        """Plug the adapter in again, as another terminal under the same persistent name."""
         self._open()
         if self._link:
             self._link.symlink_to(self._terminal)
@@ -103,7 +102,7 @@ class PtyPort:
             self._start()
 
     def close(self) -> None:
-        """Stop the thread and take the port away. May be called twice."""
+        """Stop the thread and remove the port. May be called twice."""
         if self._closed:
             return
         self._closed = True

@@ -5,7 +5,7 @@ from sim.devices.x_series import INDIRECT_BANKS, TABLE_SIZE, Field, ServoModel
 
 
 class RegisterTable:
-    """A control table with its indirect registers. Knows what is where, not what it is for."""
+    """A control table with its indirect registers. It knows layout and bounds, not meaning."""
 
     def __init__(self, model: ServoModel) -> None:
         self._fields = {field.name: field for field in model.fields}
@@ -33,13 +33,13 @@ class RegisterTable:
         return self._fields[name]
 
     def reset(self, *, from_address: int = 0, keep: tuple[str, ...] = ()) -> None:
-        """Put all fields from an address on back to their defaults."""
+        """Reset all fields from an address on to their defaults."""
         for field in self._fields.values():
             if field.address >= from_address and field.name not in keep:
                 self[field.name] = field.default
 
     def read(self, address: int, length: int) -> tuple[int, bytes]:
-        """(error, data) of a read. It must begin at something; gaps further on read as 0."""
+        """(error, data) of a read. It must begin at a field; gaps further on read as 0."""
         if length == 0 or address + length > TABLE_SIZE or address not in self._defined:
             return StatusError.ACCESS, b""
         return StatusError.NONE, bytes(
@@ -47,7 +47,7 @@ class RegisterTable:
         )
 
     def fields_of(self, address: int, data: bytes) -> tuple[int, list[tuple[Field, int]]]:
-        """(error, fields and values) that a write would set. A field cut short is a data length error."""
+        """(error, fields and values) of a write. A partial field is a data length error."""
         bytes_at = [(self._target(address + offset), byte) for offset, byte in enumerate(data)]
         fields: list[tuple[Field, int]] = []
         while bytes_at:
@@ -62,7 +62,7 @@ class RegisterTable:
         return StatusError.NONE, fields
 
     def _target(self, address: int) -> int:
-        """Where an address leads: an indirect data register stands for what its address register names."""
+        """Resolved address: an indirect data register stands for the one that its address register names."""
         for first_address, first_data, count in INDIRECT_BANKS:
             if first_data <= address < first_data + count:
                 pointer = first_address + 2 * (address - first_data)

@@ -1,19 +1,19 @@
-"""A sensor's sampling: a value behind a low-pass and noise of a given density, made when somebody looks."""
+"""A sensor's sampling: a value with low-pass and noise of a given density, computed on demand."""
 
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 
-MOST_SAMPLES = 64
-"""Nobody can see more than this many samples back (FIFO depths); older ones need not be made one by one."""
+MAX_SAMPLES = 64
+"""Samples kept (FIFO depths); older ones are not computed individually."""
 
 
 class Sampler:
     """Samples at a fixed rate behind a one-pole low-pass.
 
-    White noise of one-sided density d has rms d * sqrt(rate / 2) at the sampling rate; the low-pass leaves
-    d * sqrt(bandwidth) of it, so that averaging over a time T ends at d / sqrt(2 T) whatever the filter.
+    White noise of one-sided density d has rms d * sqrt(rate / 2) at the sampling rate; the low-pass leaves d *
+    sqrt(bandwidth) of it, so that averaging over a time T gives d / sqrt(2 T) for any filter.
     """
 
     def __init__(self, density: float, rng: np.random.Generator) -> None:
@@ -26,7 +26,7 @@ class Sampler:
         self._filtered: NDArray[np.float64] | None = None
 
     def start(self, time_s: float, rate_hz: float, rate_over_bandwidth: float) -> None:
-        """Begin anew with another rate and bandwidth (rate 0: no samples)."""
+        """Restart with another rate and bandwidth (rate 0: no samples)."""
         self._rate_hz = rate_hz
         self._memory = (rate_over_bandwidth - 2.0) / (rate_over_bandwidth + 2.0)
         self._started_s = time_s
@@ -41,7 +41,7 @@ class Sampler:
         self._taken += due
         if self._filtered is None:
             self._filtered = value
-        skipped = max(due - MOST_SAMPLES, 0)
+        skipped = max(due - MAX_SAMPLES, 0)
         self._filtered = value + (self._filtered - value) * self._memory**skipped
         samples = []
         for _ in range(due - skipped):

@@ -1,6 +1,6 @@
-"""One stateful X-series servo: rules of access, motion, bus watchdog, hardware errors.
+"""One stateful X-series servo: access rules, motion, bus watchdog, hardware errors.
 
-Sources: manuals of XM430-W350 and XL430-W250; the section is named where a rule is applied.
+Sources: manuals of XM430-W350 and XL430-W250; the section is given where a rule is applied.
 """
 
 import math
@@ -25,7 +25,7 @@ from sim.devices.x_series import (
 
 DEG_PER_TICK = 360.0 / TICKS_PER_TURN
 STRONGEST_ACCELERATION_DEG_S2 = 2000.0
-"""What the motor itself can do: profile acceleration 0 is not truly infinite."""
+"""Limit of the motor: profile acceleration 0 is not infinite."""
 
 REBOOT_S = 0.25
 IN_POSITION_TICKS = 12
@@ -42,23 +42,20 @@ GAINS = (
 PROTOCOL_2 = 2
 STARTUP_TORQUE, RAM_RESTORE = 1, 2
 NO_ID = 253
-"""Secondary IDs from here on are off."""
+"""Secondary IDs from this value on are disabled."""
 
 FULL_PWM = 885
 RESTORED = (*GAINS, "profile_acceleration", "profile_velocity")
-"""What RAM Restore brings back when the servo starts."""
+"""Registers that RAM Restore sets at start-up."""
 
 MULTI_TURN_CLEAR = bytes([0x01, 0x44, 0x58, 0x4C, 0x22])
 
 
 @dataclass(frozen=True)
 class GearTrain:
-    """What lies between the profile and the head.
+    """Mechanics between profile and head.
 
-    backlash_deg: whole play between shaft and head; the head rests on the side that it was pushed to.
-    settle_sigma_deg: how far from its goal the shaft comes to rest (static friction), one sigma.
-    encoder_sigma_ticks: noise of one reading of the encoder.
-    ring_deg: amplitude at which the head swings after a stop from 60 deg/s; decays with ``ring_decay_s``.
+    backlash_deg: total play between shaft and head; the head rests on the side that it was pushed to.
     """
 
     backlash_deg: float = 0.0
@@ -70,11 +67,11 @@ class GearTrain:
 
 
 class Servo:
-    """A servo on the bus: give it instructions, ask for its shaft at any time, from any thread.
+    """A servo on the bus. Instructions and queries of its shaft are thread-safe.
 
-    Positions inside are ticks of the output shaft, drive mode and homing offset left aside; they count on over whole
-    turns, as the cable does. ``eeprom`` is what an installer or another program has left in any register. Faults are put in
-    through ``fail``, ``block``, ``silent`` (a broken wire), ``false_alert``, ``gears``, ``supply_v`` and ``temperature_c``.
+    Internal positions are ticks of the output shaft, without drive mode and homing offset; they count over whole turns.
+    ``eeprom`` presets registers as an installer or another program left them. Faults are injected through ``fail``,
+    ``block``, ``silent`` (a broken wire), ``false_alert``, ``gears``, ``supply_v`` and ``temperature_c``.
     """
 
     def __init__(
@@ -113,33 +110,33 @@ class Servo:
         self._backup = {name: self._table[name] for name in RESTORED}
         self._power_up()
 
-    # -- what the bus needs to know
+    # -- interface to the bus
 
     def register(self, name: str) -> int:
-        """What a register holds, by its name in the control table (of present values: when last read)."""
+        """A register's content by its name in the control table (measured values: as last read)."""
         with self._lock:
             return self._table[name]
 
-    def hears(self) -> bool:
-        """Whether it is there to hear Protocol 2.0: not while it reboots, nor on a broken wire, nor set to Protocol 1.0."""
+    def is_listening(self) -> bool:
+        """Whether it receives Protocol 2.0: not while rebooting, with a broken wire, or set to Protocol 1.0."""
         return self.is_there() and self._table["protocol_type"] >= PROTOCOL_2
 
     def is_there(self) -> bool:
-        """Whether it is there to hear anything."""
+        """Whether it receives anything at all."""
         return not self.silent and self._clock() >= self._deaf_until_s
 
-    def obeys(self, servo_id: int) -> bool:
-        """Whether it carries out, without an answer, what another id is told: its Secondary ID."""
+    def has_secondary_id(self, servo_id: int) -> bool:
+        """Whether an id is its Secondary ID: it executes such instructions without an answer."""
         secondary = self._table["secondary_id"]
         return secondary == servo_id and secondary < NO_ID and servo_id != self._table["id"]
 
-    def heard_packet(self) -> None:
-        """Note that the host is alive (Bus Watchdog)."""
+    def feed_watchdog(self) -> None:
+        """Reset the bus watchdog: the host is alive."""
         with self._lock:
             self._last_packet_s = self._advance()
 
     def alert(self) -> int:
-        """The alert bit of a status packet: set while there is a hardware error."""
+        """The alert bit of a status packet, set during a hardware error."""
         with self._lock:
             self._advance()
             return ALERT if self._table["hardware_error_status"] or self.false_alert else 0
@@ -147,7 +144,7 @@ class Servo:
     def shaft(self) -> tuple[float, bool]:
         """True position of the head on this shaft, degrees from tick 0; and whether it moves.
 
-        Differs from what the registers tell by backlash, by the swing after a stop and by encoder noise.
+        Differs from the registers by backlash, by the swing after a stop and by encoder noise.
         """
         with self._lock:
             now = self._advance()
@@ -165,7 +162,7 @@ class Servo:
             return self._table.read(address, length)
 
     def turn_by_hand(self, by_deg: float) -> None:
-        """Turn the shaft, which nothing holds; the count of turns goes on. ``ValueError`` where the torque is on."""
+        """Turn the free shaft by hand; the turn count continues. ``ValueError`` if the torque is on."""
         with self._lock:
             now = self._advance()
             if self._table["torque_enable"]:
@@ -173,7 +170,7 @@ class Servo:
             self._motion = motion.rest(self._motion.at(now)[0] + by_deg / DEG_PER_TICK, now)
 
     def write(self, address: int, data: bytes, *, ram_only: bool = False) -> int:
-        """Apply a write, all of it or nothing; returns the error number. ``ram_only`` by its Secondary ID."""
+        """Apply a write, all or nothing; returns the error number. ``ram_only`` for its Secondary ID."""
         with self._lock:
             self._advance()
             if ram_only and address < EEPROM_END:
@@ -187,14 +184,14 @@ class Servo:
             return error
 
     def keep(self, address: int, data: bytes) -> int:
-        """Keep a write until ``act`` (Reg Write)."""
+        """Store a write until ``act`` (Reg Write)."""
         with self._lock:
             self._kept = (address, data)
             self._table["registered_instruction"] = 1
             return StatusError.NONE
 
     def act(self) -> int:
-        """Carry out what was kept (Action)."""
+        """Execute the stored write (Action)."""
         with self._lock:
             if self._kept is None:
                 return StatusError.RESULT_FAIL
@@ -204,7 +201,7 @@ class Servo:
             return self.write(address, data)
 
     def clear(self, parameters: bytes) -> int:
-        """Clear the multi-turn count; only at rest."""
+        """Clear the multi-turn count; only when stationary."""
         with self._lock:
             if parameters != MULTI_TURN_CLEAR or self._advance() < self._motion.end_s:
                 return StatusError.RESULT_FAIL
@@ -212,7 +209,7 @@ class Servo:
             return StatusError.NONE
 
     def reboot(self) -> int:
-        """Start anew: RAM to its defaults, torque off, deaf for a moment."""
+        """Reboot: RAM to defaults, torque off, no communication for a moment."""
         with self._lock:
             self._advance()
             self._table.reset(from_address=EEPROM_END)
@@ -225,7 +222,7 @@ class Servo:
             return StatusError.NONE
 
     def lose_power(self) -> None:
-        """The motor lets go at once; ``reboot`` is what follows when the power comes back."""
+        """Lose power: torque off at once; ``reboot`` follows when the power returns."""
         with self._lock:
             self._advance()
             self._release()
@@ -240,14 +237,14 @@ class Servo:
             return self.reboot()
 
     def fail(self, bits: int) -> None:
-        """Put in a hardware error. Where the register Shutdown names it, torque goes off until a reboot."""
+        """Inject a hardware error. If the register Shutdown includes it, the torque is off until a reboot."""
         with self._lock:
             self._table["hardware_error_status"] |= bits
             if self._shut_down() and self._table["torque_enable"]:
                 self._release()
 
     def block(self, blocked: bool) -> None:
-        """Put something in the shaft's way, where it is now, or take it away."""
+        """Block the shaft at its present position, or release it."""
         with self._lock:
             self._blocked = blocked
             if blocked:
@@ -258,7 +255,7 @@ class Servo:
     # -- rules of access
 
     def _refusal(self, field: Field, value: int) -> int:
-        """Why ``value`` may not be written, as an error number; 0 where it may."""
+        """Why ``value`` must not be written, as an error number; 0 if it may."""
         if field.low is None or field.high is None:
             return StatusError.ACCESS
         if field.address < EEPROM_END and self._table["torque_enable"]:
@@ -297,7 +294,7 @@ class Servo:
         if not on:
             self._release()
         elif not self._table["torque_enable"] and not self._shut_down():
-            # After a shutdown only a reboot allows torque again: the write is answered and has no effect.
+            # After a shutdown only a reboot re-enables torque: the write is answered without effect.
             self._to_single_turn()
             self._last_packet_s = self._clock()
             self._table["torque_enable"] = 1
@@ -314,7 +311,7 @@ class Servo:
         self._to_single_turn()
 
     def _reset_for_mode(self) -> None:
-        """A change of mode resets gains, profile and the multi-turn count (manual, Operating Mode)."""
+        """A mode change resets gains, profile and the multi-turn count (manual, Operating Mode)."""
         for name in GAINS:
             self._table[name] = self._table.field(name).default
         self._no_profile()
@@ -325,7 +322,7 @@ class Servo:
         self._table["profile_acceleration"] = 0
 
     def _to_single_turn(self) -> None:
-        """Bring the present position to within one turn, and the goal to it: nothing moves by itself."""
+        """Reduce the present position to one turn, and set the goal to it, so that nothing moves."""
         position, _ = self._motion.at(self._clock())
         self._turns = 0
         self._turns = -math.floor((self._present(position) - self._homing()) / TICKS_PER_TURN)
@@ -336,17 +333,17 @@ class Servo:
         return offset if self._table["operating_mode"] != POSITION_MODE or abs(offset) <= 1024 else 0
 
     @property
-    def _sense(self) -> int:
+    def _direction(self) -> int:
         return -1 if self._table["drive_mode"] & REVERSE else 1
 
     def _present(self, shaft_tick: float) -> float:
-        return self._sense * shaft_tick + self._homing() + self._turns * TICKS_PER_TURN
+        return self._direction * shaft_tick + self._homing() + self._turns * TICKS_PER_TURN
 
     def _shaft_of(self, present: float) -> float:
-        return self._sense * (present - self._homing() - self._turns * TICKS_PER_TURN)
+        return self._direction * (present - self._homing() - self._turns * TICKS_PER_TURN)
 
     def _release(self) -> None:
-        """Torque off: friction brings the shaft to a stop where it is."""
+        """Torque off: friction stops the shaft."""
         self._table["torque_enable"] = 0
         self._brake(self._clock())
 
@@ -359,7 +356,7 @@ class Servo:
         return bool(self._table["hardware_error_status"] & self._table["shutdown"])
 
     def _advance(self) -> float:
-        """Bring the state up to now: errors from voltage and temperature, bus watchdog. Returns now."""
+        """Update the state: errors from voltage and temperature, bus watchdog. Returns the present time."""
         now = self._clock()
         if (
             not self._table["min_voltage_limit"]
@@ -381,7 +378,7 @@ class Servo:
     # -- motion
 
     def _follow(self, goal_name: str) -> None:
-        """Start the motion that a new goal asks for, if the operating mode listens to that goal."""
+        """Start the motion for a new goal, if the operating mode uses that goal."""
         mode = self._table["operating_mode"]
         if not self._table["torque_enable"]:
             return
@@ -394,19 +391,19 @@ class Servo:
                 self._table["goal_pwm"] / self._table.field("goal_pwm").default * self.model.speed_deg_s
             )
         elif goal_name == "goal_current" and mode == CURRENT_MODE:
-            # Without a load any current but none runs up to full speed.
+            # Without load any non-zero current reaches full speed.
             self._turn_at(float(np.sign(self._table["goal_current"])) * self.model.speed_deg_s)
 
     def _turn_at(self, speed_deg_s: float) -> None:
         now = self._clock()
         position, velocity = self._motion.at(now)
-        speed = self._sense * float(np.clip(speed_deg_s, -self.model.speed_deg_s, self.model.speed_deg_s))
+        speed = self._direction * float(np.clip(speed_deg_s, -self.model.speed_deg_s, self.model.speed_deg_s))
         acceleration = self._acceleration_deg_s2() / DEG_PER_TICK
         self._stopped_from_deg_s = velocity * DEG_PER_TICK
         self._motion = motion.turn(position, velocity, speed / DEG_PER_TICK, acceleration, now)
 
     def _power_share(self) -> float:
-        """How much of its speed the motor reaches: PWM Limit and Goal PWM bound what the position controller puts out."""
+        """Share of full speed that the motor reaches: PWM Limit and Goal PWM limit the position controller's output."""
         if not self._table["position_p_gain"] and not self._table["position_i_gain"]:
             return 0.0
         return min(self._table["pwm_limit"], abs(self._table["goal_pwm"])) / FULL_PWM
@@ -434,7 +431,7 @@ class Servo:
         self._motion = motion.Motion(planned.phases, goal, shape)
 
     def _profile(self, way_deg: float) -> tuple[float, float]:
-        """Top speed and acceleration for a way, from the profile registers (Drive Mode)."""
+        """Top speed and acceleration for a distance, from the profile registers (Drive Mode)."""
         raw = self._table["profile_velocity"]
         if raw and self._table["drive_mode"] & TIME_BASED:
             # Raw values are ms: the whole time, and the ramp, which is at most half of it.
@@ -467,16 +464,16 @@ class Servo:
         return amplitude * decay * math.sin(2 * math.pi * self.gears.ring_hz * since_s)
 
     def _measure(self) -> None:
-        """Fill the registers that tell the present state."""
+        """Update the registers of measured values."""
         now = self._clock()
         position, velocity = self._motion.at(now)
         torque = self._table["torque_enable"]
-        speed_deg_s = self._sense * velocity * DEG_PER_TICK
+        speed_deg_s = self._direction * velocity * DEG_PER_TICK
         share_of_speed = speed_deg_s / self.model.speed_deg_s
         ongoing = bool(torque) and now < self._motion.end_s
         reading = round(self._present(position) + self._rng.normal() * self.gears.encoder_sigma_ticks)
         raw_velocity = round(speed_deg_s / VELOCITY_UNIT_DEG_S)
-        effort = np.sign(velocity) * self._sense + share_of_speed
+        effort = np.sign(velocity) * self._direction + share_of_speed
         drawn = round(effort * self.model.friction_current + self._rng.normal() * 1.5)
         in_position = abs(reading - self._table["goal_position"]) <= IN_POSITION_TICKS
         above_threshold = abs(speed_deg_s) > self._table["moving_threshold"] * VELOCITY_UNIT_DEG_S

@@ -1,4 +1,4 @@
-"""A half-duplex Dynamixel bus on a pseudo-terminal: servos that hear instructions and answer in order."""
+"""A half-duplex Dynamixel bus on a pseudo-terminal: servos receive instructions and answer in order."""
 
 import threading
 import time
@@ -18,23 +18,23 @@ from sim.devices.servo import Servo
 from sim.devices.x_series import BAUD_RATES
 
 IDLE_LINE_S = 0.1
-"""A packet that stops for so long is given up, as the firmware does."""
+"""A packet interrupted for this long is dropped, as in the firmware."""
 
 PROTOCOL_1, PROTOCOL_1_PING = 1, 1
 PING_LEVEL, READ_LEVEL, WRITE_LEVEL = 0, 1, 2
 
 
 class ServoBus:
-    """The servos of one bus. ``reply`` is the behaviour, from bytes to bytes; ``serve`` puts it on a port.
+    """The servos of one bus. ``reply`` maps bytes to bytes; ``serve`` connects it to a port.
 
-    ``on_wire`` stands for the cable: it may change, cut or drop what the servos answer. ``spoken_to`` is set once
-    a host has said something.
+    ``on_wire`` models the cable: it may change, truncate or drop the servos' answers. ``contacted`` is set once a host
+    has sent something.
     """
 
     def __init__(self, servos: Sequence[Servo], *, on_wire: Callable[[bytes], bytes] = bytes) -> None:
         self.servos = list(servos)
         self.on_wire = on_wire
-        self.spoken_to = threading.Event()
+        self.contacted = threading.Event()
         self._reader = RequestReader()
         self._heard_s = time.monotonic()
 
@@ -43,7 +43,7 @@ class ServoBus:
         port.answer(lambda data: self._on_line(data, port.baud))
 
     def reply(self, data: bytes, baud: int | None = None) -> bytes:
-        """What the servos send back after ``data``; with ``baud`` only those that are set to it."""
+        """The servos' answer to ``data``; with ``baud`` only of those set to it."""
         now = time.monotonic()
         if now - self._heard_s > IDLE_LINE_S:
             self._reader.forget()
@@ -52,7 +52,7 @@ class ServoBus:
         return answers + b"".join(_protocol_1_status(servo, data) for servo in self.servos)
 
     def _on_line(self, data: bytes, baud: int) -> bytes:
-        self.spoken_to.set()
+        self.contacted.set()
         answer = self.reply(data, baud)
         if answer:
             time.sleep(max(servo.register("return_delay_time") for servo in self.servos) * 2e-6)
@@ -62,7 +62,7 @@ class ServoBus:
         there = {
             servo.register("id"): servo
             for servo in self.servos
-            if servo.hears() and baud in (None, BAUD_RATES[servo.register("baud_rate")])
+            if servo.is_listening() and baud in (None, BAUD_RATES[servo.register("baud_rate")])
         }
         broadcast = request.servo_id == BROADCAST_ID
         addressed = (
@@ -73,7 +73,7 @@ class ServoBus:
                 return b""
             return b"".join(_status(servo, StatusError.CRC) for servo in addressed)
         for servo in addressed:
-            servo.heard_packet()
+            servo.feed_watchdog()
         _follow(there.values(), request)
         if request.instruction in GROUP_INSTRUCTIONS:
             return GROUP_INSTRUCTIONS[request.instruction](there, request.parameters) if broadcast else b""
@@ -81,7 +81,7 @@ class ServoBus:
 
 
 def _protocol_1_status(servo: Servo, data: bytes) -> bytes:
-    """The answer of a servo that is set to Protocol 1.0 to a ping in it; it understands nothing else here."""
+    """The answer of a servo set to Protocol 1.0 to a ping in that protocol; nothing else is supported."""
     if not servo.is_there() or servo.register("protocol_type") != PROTOCOL_1:
         return b""
     body = bytes([servo.register("id"), 2, PROTOCOL_1_PING])
@@ -95,11 +95,11 @@ def _protocol_1(body: bytes) -> bytes:
 
 
 def _follow(servos: Iterable[Servo], request: Request) -> None:
-    """Have those with a Secondary ID carry out what another servo is told: RAM only, and without an answer (manual, 2.4.8)."""
+    """Let servos with a Secondary ID execute another servo's instruction: RAM only, unanswered (manual, 2.4.8)."""
     for servo in servos:
-        if not servo.obeys(request.servo_id):
+        if not servo.has_secondary_id(request.servo_id):
             continue
-        servo.heard_packet()
+        servo.feed_watchdog()
         if request.instruction == Instruction.WRITE:
             address = int.from_bytes(request.parameters[:2], "little")
             servo.write(address, request.parameters[2:], ram_only=True)
@@ -112,7 +112,7 @@ def _status(servo: Servo, error: int, data: bytes = b"") -> bytes:
 
 
 def _single(servo: Servo, request: Request, *, broadcast: bool) -> bytes:
-    """Carry out an instruction to one servo. A ping is always answered, all else by Status Return Level."""
+    """Execute an instruction to one servo. A ping is always answered, others by Status Return Level."""
     answer_id, level = servo.register("id"), servo.register("status_return_level")
     needed, data = WRITE_LEVEL, b""
     parameters = request.parameters
@@ -160,7 +160,7 @@ def _bulk_places(parameters: bytes) -> Places:
 
 
 def _read_in_turn(there: dict[int, Servo], places: Places) -> list[tuple[Servo, int, bytes]]:
-    """Each servo waits for the answer of the one before it: behind a missing one all are silent."""
+    """Each servo waits for the answer of the one before it: after a missing one all are silent."""
     answers: list[tuple[Servo, int, bytes]] = []
     for servo_id, address, length in places:
         servo = there.get(servo_id)

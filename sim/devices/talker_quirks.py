@@ -1,6 +1,6 @@
-"""What talkers of other people's rigs were seen to send: the same truth, badly told. Written from the reports, by name.
+"""Non-standard sentences of real talkers, by name, written from field reports: the same truth in another form.
 
-Each row of docs/reports.md under "Talkers" that is about a line on the wire can be played by one of these.
+They cover the rows under "Talkers" in docs/reports.md that concern a line on the wire.
 """
 
 from collections.abc import Callable

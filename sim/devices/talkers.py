@@ -1,4 +1,4 @@
-"""Serial instruments that talk unasked: NMEA 0183 compasses and barometers, Vaisala PA50."""
+"""Talkers, serial instruments that send unprompted: NMEA 0183 compasses and barometers, Vaisala PA50."""
 
 import threading
 from collections.abc import Callable
@@ -8,12 +8,12 @@ from sim.devices.pty_port import PtyPort
 
 HPA_PER_INHG = 33.8638867
 WIND = "WIMWV,214.8,R,0.1,K,A"
-"""What a weather instrument says besides; of no use to a barometer's listener."""
+"""Another sentence of a weather instrument, which barometer listeners must ignore."""
 
 
 @dataclass(frozen=True)
 class Heading:
-    """What a compass talker knows of the pan stage, degrees."""
+    """Input of a compass talker: attitude of the pan stage, degrees."""
 
     magnetic_heading_deg: float
     pitch_deg: float
@@ -23,13 +23,13 @@ class Heading:
 
     @property
     def heading_deg(self) -> float:
-        """True, with the declination that the talker was set to."""
+        """True heading, with the declination set in the talker."""
         return (self.magnetic_heading_deg + self.declination_deg) % 360.0
 
 
 @dataclass(frozen=True)
 class Air:
-    """What a weather talker knows."""
+    """Input of a weather talker."""
 
     pressure_hpa: float
     temperature_c: float
@@ -85,7 +85,7 @@ def ohpr(heading: Heading) -> bytes:
 
 
 def os5000(heading: Heading) -> bytes:
-    """OceanServer OS5000 as it comes from the factory: letters before numbers, no commas."""
+    """OceanServer OS5000, factory format: letters before numbers, no commas."""
     return sentence(
         f"C{_circle(heading.magnetic_heading_deg)}P{heading.pitch_deg:.1f}R{heading.roll_deg:.1f}"
         f"T{heading.temperature_c:.1f}"
@@ -126,16 +126,16 @@ BAROMETERS: dict[str, Callable[[Air], bytes]] = {"xdr": xdr, "mda": mda, "vaisal
 
 
 class Talker:
-    """Says ``message()`` on a port of its own, ``rate_hz`` times a second, until closed.
+    """Sends ``message()`` on its own port, ``rate_hz`` times a second, until closed.
 
-    A listener that set another baud rate than ``baud`` receives garbage. ``on_wire`` stands for the cable: it may
-    change, cut or drop what is said.
+    A listener with another baud rate than ``baud`` receives garbage. ``on_wire`` models the cable: it may change,
+    truncate or drop messages.
     """
 
     def __init__(
         self, message: Callable[[], bytes], *, rate_hz: float, baud: int, port: PtyPort | None = None
     ) -> None:
-        """``port`` is another talker's, where one stream carries both."""
+        """``port`` is another talker's, if one stream carries both."""
         self.baud = baud
         self.on_wire: Callable[[bytes], bytes] = bytes
         self._message = message
@@ -148,11 +148,11 @@ class Talker:
 
     @property
     def path(self) -> str:
-        """What a rig configuration names as the port."""
+        """The path of the port for a rig configuration."""
         return self.port.path
 
     def close(self) -> None:
-        """Fall silent and take the port away. May be called twice."""
+        """Stop sending and remove the port. May be called twice."""
         self._stop.set()
         self._thread.join()
         if self.has_own_port:

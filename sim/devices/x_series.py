@@ -1,4 +1,4 @@
-"""The control tables of the X-series servos as data: what is where, and within what bounds it can be written.
+"""Control tables of the X-series servos as data: addresses, defaults and write bounds.
 
 Source: the manuals of XM430-W350 and XL430-W250, control table. Addresses below 64 are EEPROM, the rest RAM.
 """
@@ -37,7 +37,7 @@ class Field(NamedTuple):
 
 @dataclass(frozen=True)
 class ServoModel:
-    """What tells one X-series model from another.
+    """The differences between X-series models.
 
     ``speed_deg_s`` is the fastest that the shaft turns. ``friction_current`` is in units of the register 126:
     2.69 mA where the servo ``measures_current``, else load in 0.1 %.

@@ -1,1 +1,1 @@
-"""How good the localizer is: many simulated cases, what became of each, and what that adds up to."""
+"""Evaluation of the localizer: many simulated cases, their results, and summary statistics."""

@@ -1,4 +1,4 @@
-"""What the localizer made of a case, the same whether it was given contours or pictures."""
+"""The localizer's result for a case, uniform for contours and pictures."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -20,7 +20,9 @@ NEAR_SIGMAS = 5.0
 
 @dataclass(frozen=True)
 class Answer:
-    """``covariances_m2`` (k, 2, 2) are of the fix's candidates; ``contours_px`` (u, v) what the search used of each frame."""
+    """The result. ``covariances_m2`` (k, 2, 2) are those of the fix's candidates; ``contours_px`` (u, v) the columns
+    used of each frame.
+    """
 
     fix: Fix
     covariances_m2: Array
@@ -29,7 +31,7 @@ class Answer:
 
     @classmethod
     def to_observation(cls, terrain: Terrain, observation: Observation, located: Located) -> Self:
-        """Of a search among contours."""
+        """From a search with contours."""
         best = located.best
         covariances = [metric_covariance(terrain, candidate) for candidate in located.decision.candidates]
         errors = None
@@ -51,7 +53,7 @@ class Answer:
 
     @classmethod
     def to_bundle(cls, result: LocateResult) -> Self:
-        """Of a search with pictures."""
+        """From a search with pictures."""
         details = result.details
         return cls(
             fix=result.fix,

@@ -1,4 +1,4 @@
-"""One case from the drawing of the truth to the row of the table."""
+"""One case, from drawing the truth to its table row."""
 
 import tempfile
 import time
@@ -20,7 +20,7 @@ from sim.evaluate.disturb import disturb, true_contours
 from sim.evaluate.image_level import write_pictures
 from sim.evaluate.row import CaseRow, compact_json
 from sim.evaluate.scenario import EvaluationScenario
-from sim.evaluate.searched import HALVES, Side, beyond, searched_terrain, terrain_of_twins
+from sim.evaluate.searched_dem import HALVES, Side, beyond, searched_terrain, terrain_of_twins
 from sim.evaluate.truth import Generators, Truth, case_generators, draw_truth, truth_at
 from sim.evaluate.twins import draw_twins
 from sim.world.surface import Surface
@@ -36,7 +36,7 @@ NO_BOUND = Bound(None, None, None, None)
 
 @dataclass(frozen=True)
 class Experiment:
-    """What is evaluated: enough to make any case of it again."""
+    """An experiment: everything needed to reproduce any of its cases."""
 
     dems: tuple[Path, ...]
     scenario: EvaluationScenario
@@ -45,13 +45,13 @@ class Experiment:
     estimator_only: bool = False
 
     def dem_of(self, case: int) -> Path:
-        """The DEM of a case: they take turns."""
+        """The DEM of a case: the DEMs alternate."""
         return self.dems[case % len(self.dems)]
 
 
 @lru_cache(maxsize=8)
 def true_surface(dem: Path) -> Surface:
-    """The surface of the truth, once in a process."""
+    """The true surface, cached per process."""
     return Surface(read_terrain([dem]))
 
 
@@ -132,13 +132,13 @@ def _row(
     bound: Bound,
     took_s: float | None,
 ) -> CaseRow:
-    """``took_s``: of the whole search, where that is more or less than the sum of the fix's own times."""
+    """``took_s``: duration of the whole search, if it differs from the sum of the fix's own times."""
     fix, errors = answer.fix, answer.errors
     easting, northing = truth.easting_northing_m
     searched, drawn = (
         terrain.dem.metric_crs,
         truth.surface.terrain.metric_crs,
-    )  # of half a DEM it may be the next zone
+    )  # for half a DEM it may be the neighbouring zone
     there_x, there_y = (float(value) for value in transform_xy(drawn, searched, easting, northing))
     off_m, mahalanobis2 = answer.off_by(there_x, there_y) or (None, None)
     truth_probability = answer.probability_of(there_x, there_y, NEAR_CELLS * terrain.cell_m)
@@ -192,7 +192,7 @@ def _row(
 
 
 def _contour_errors(exact: list[Array], answer: Answer) -> Array:
-    """How far the contours' points (n,) are from the terrain's skyline, px; infinite where that is out of the picture."""
+    """Distance of the contours' points (n,) from the terrain's skyline, px; infinite if that is outside the picture."""
     errors = [
         np.abs(np.nan_to_num(true_rows[np.round(u).astype(int)], nan=np.inf) - v)
         for true_rows, (u, v) in zip(exact, answer.contours_px, strict=True)

@@ -9,24 +9,24 @@ from localizer.observation import Observation
 from sim.evaluate.disturb import Disturbed
 from sim.evaluate.scenario import EvaluationScenario
 from sim.evaluate.truth import TrueFrame, Truth
-from sim.paper.observing import frame_observation
+from sim.paper.observations import frame_observation
 
 Array = NDArray[np.float64]
 
-LEAST_SIGMA_PX = 0.05
+MIN_SIGMA_PX = 0.05
 SECANT_STEPS = 8
 
 
 def observation_of(
     truth: Truth, scenario: EvaluationScenario, columns_px: Array, disturbed: Disturbed
 ) -> Observation:
-    """What the localizer is given of a case."""
-    told = scenario.told_of
+    """The localizer's input for a case."""
+    assumed = scenario.assumed_sigma
     errors = scenario.errors
     sigma_px = scenario.told.contour_sigma_px or max(
-        float(np.hypot(errors.contour_sigma_px, errors.contour_correlated_sigma_px)), LEAST_SIGMA_PX
+        float(np.hypot(errors.contour_sigma_px, errors.contour_correlated_sigma_px)), MIN_SIGMA_PX
     )
-    sigmas_deg = (told("azimuth_sigma_deg"), told("tilt_sigma_deg"), told("roll_sigma_deg"))
+    sigmas_deg = (assumed("azimuth_sigma_deg"), assumed("tilt_sigma_deg"), assumed("roll_sigma_deg"))
     frames = tuple(
         frame_observation(
             frame.label, scenario.camera, frame.measured, sigmas_deg, columns_px, rows, sigma_px
@@ -37,9 +37,9 @@ def observation_of(
         frames=frames,
         mast_height_m=scenario.vehicle.mast_height_m,
         altitude_m=truth.measured_altitude_m,
-        altitude_sigma_m=told("altitude_sigma_m") if errors.altimeter else float("inf"),
-        azimuth_bias_sigma_deg=told("azimuth_bias_sigma_deg"),
-        tilt_bias_sigma_deg=told("tilt_bias_sigma_deg"),
+        altitude_sigma_m=assumed("altitude_sigma_m") if errors.altimeter else float("inf"),
+        azimuth_bias_sigma_deg=assumed("azimuth_bias_sigma_deg"),
+        tilt_bias_sigma_deg=assumed("tilt_bias_sigma_deg"),
     )
 
 
@@ -50,15 +50,15 @@ def searched_contour(
     scenario: EvaluationScenario,
     columns_px: Array,
 ) -> Array:
-    """The contour (n,) that the very surface that is searched has, by the localizer's own geometry.
+    """The contour (n,) of the searched surface itself, by the localizer's own geometry.
 
-    Whatever error remains then is the estimator's, not that of one surface against another. ``place``: row, col, altitude.
+    The remaining error is then the estimator's, not that between two surfaces. ``place``: row, col, altitude.
     """
     attitude = frame.attitude
     rotation = camera_to_world(attitude.heading_deg, attitude.pitch_deg, attitude.roll_deg)
 
     def above(rows: Array) -> Array:
-        """How far the lines of sight pass above the horizon, degrees."""
+        """Elevation of the lines of sight above the horizon, degrees."""
         azimuth, elevation = azimuth_elevation_deg(pixel_rays(scenario.camera, columns_px, rows) @ rotation.T)
         tangent, _ = horizon_around(terrain, *place, np.radians(azimuth))
         return np.asarray(elevation - np.degrees(np.arctan(tangent)))

@@ -1,12 +1,11 @@
-"""The Cramér-Rao bound of the position: no unbiased estimator can do better with these contours and these sensors.
+"""The Cramér-Rao lower bound of the position for these contours and sensors.
 
-Computed from the simulator's own geometry and the scenario's noise, without the localizer: the exact contour is
-differentiated numerically by everything that is unknown, and the information of the columns and the sensors is added up.
+Computed from the simulator's geometry and the scenario's noise, without the localizer: the exact contour is
+differentiated numerically by all unknowns, and the information of columns and sensors is added.
 
-The unknowns are the place, the camera's height above the ground there (the mast's, as far as the DEM is right), and the
-sensors' errors. Place and ground are moved together: on a slope that is itself the skyline that makes a difference. How far
-a DEM with errors is off there and at the skyline is part of the noise. Columns that show something else than terrain are
-taken to be known, hence left out.
+The unknowns are the place, the camera's height above the ground (the mast's, as far as the DEM is right), and the
+sensors' errors. Place and ground move together, which matters where the slope itself is the skyline. The DEM's error at
+the camera and at the skyline is part of the noise. Columns that show no terrain are assumed known and left out.
 """
 
 from dataclasses import dataclass
@@ -26,23 +25,23 @@ from sim.world.surface import Observer, Surface
 Array = NDArray[np.float64]
 
 EAST, NORTH, HEIGHT, AZIMUTH_BIAS, TILT_BIAS, FIRST_FRAME = range(6)
-STEP_M = 0.02  # short: where the ground close by is the skyline, it changes its face within decimetres
+STEP_M = 0.02  # short: near ground as skyline changes its slope within decimetres
 STEP_DEG = 0.01
-COLUMNS_EACH = 4  # one column of these is differentiated, and stands for all
-LEAST_SIGMA_PX = 1e-3
-LEAST_SIGMA_DEG = 1e-6
+COLUMNS_EACH = 4  # one of these columns is differentiated and represents all
+MIN_SIGMA_PX = 1e-3
+MIN_SIGMA_DEG = 1e-6
 UNKNOWN_M = 1e5  # no altimeter
-GROUND_SIGMA_M = 0.001  # the mast is as high as it is said to be
-NEAR_CELLS = 2.0  # what stands nearer a DEM cannot tell, as long as it is not the very surface
+GROUND_SIGMA_M = 0.001  # the mast's height is known
+NEAR_CELLS = 2.0  # a DEM does not resolve nearer terrain, unless it is the true surface itself
 
 
 @dataclass(frozen=True)
 class Bound:
-    """Covariances (2, 2) of true east and north, metres squared; None where the contours do not determine the place.
+    """Covariances (2, 2) of true east and north, metres squared; None if the contours do not determine the place.
 
-    ``free_altitude_m2`` forgets that the camera stands on the DEM's ground: altitude comes from the altimeter alone.
-    ``far_horizon_m2`` leaves out the columns whose horizon is nearer than NEAR_CELLS. ``wary_m2`` does both, as a search
-    must that takes a DEM's word neither for the ground under the camera nor for what is close by.
+    ``free_altitude_m2`` ignores that the camera stands on the DEM's ground: altitude comes from the altimeter alone.
+    ``far_horizon_m2`` omits columns whose horizon is nearer than NEAR_CELLS. ``wary_m2`` does both, like a search that
+    trusts neither the DEM's ground under the camera nor near terrain.
     """
 
     covariance_m2: Array | None
@@ -52,7 +51,7 @@ class Bound:
 
 
 def rms_m(covariance_m2: Array | None) -> float | None:
-    """Root of the mean squared distance that a covariance stands for."""
+    """Root mean squared distance of a covariance."""
     return None if covariance_m2 is None else float(np.sqrt(np.trace(covariance_m2)))
 
 
@@ -68,19 +67,19 @@ def cramer_rao_bound(
     crests = _crests(truth, scenario.camera, parts)
     ok = np.isfinite(jacobian).all(axis=1) & np.isfinite(crests).all(axis=1)
     size = jacobian.shape[1]
-    altimeter, standing = np.zeros(size), np.zeros(size)
+    altimeter, ground_prior = np.zeros(size), np.zeros(size)
     altimeter[[EAST, NORTH]], altimeter[HEIGHT] = _ground_slope(truth.surface, truth.observer), 1.0
-    standing[HEIGHT] = 1.0  # the observation that the mast's foot is on the ground of the DEM
+    ground_prior[HEIGHT] = 1.0  # the observation that the mast's foot is on the ground of the DEM
     altitude_sigma_m = scenario.errors.altitude_sigma_m if scenario.errors.altimeter else UNKNOWN_M
     noise = block_diag(
         _contour_noise(scenario, parts)[np.ix_(ok, ok)], np.diag([altitude_sigma_m, GROUND_SIGMA_M]) ** 2
     )
     if scenario.dem_error is not None:
-        # A crest raised by a metre looks like the camera lowered by one.
+        # Raising a crest by a metre is equivalent to lowering the camera by one.
         per_m = np.concatenate([jacobian[ok, HEIGHT], [0.0, 1.0]])
         places = np.vstack([crests[ok], np.zeros((2, 2))])
         noise += dem_error_covariance(scenario.dem_error, places) * np.outer(per_m, per_m)
-    seen = np.vstack([jacobian[ok], altimeter, standing])
+    seen = np.vstack([jacobian[ok], altimeter, ground_prior])
     prior = _prior_information(scenario, size)
     near_m = NEAR_CELLS * float(np.mean(truth.surface.terrain.cell_size_m()))
     far = np.append(np.hypot(*crests[ok].T) >= near_m, [True, True])
@@ -94,7 +93,7 @@ def cramer_rao_bound(
 
 
 def position_covariance(jacobian: Array, noise: Array, prior: Array) -> Array | None:
-    """Covariance (2, 2) of east and north; None where they are not determined.
+    """Covariance (2, 2) of east and north; None if they are not determined.
 
     Args:
         jacobian: of the observations (n, m) by the unknowns, east and north first.
@@ -136,7 +135,7 @@ def contour_jacobian(truth: Truth, optics: CameraOptics, columns_px: list[Array]
 def _by_attitude(
     surface: Surface, here: Observer, optics: CameraOptics, frame: TrueFrame, columns: Array
 ) -> Array:
-    """By measured minus true azimuth, tilt and roll (n, 3): the truth is the measured less the error."""
+    """Derivatives by measured minus true azimuth, tilt and roll (n, 3)."""
     attitude = np.array([frame.attitude.heading_deg, frame.attitude.pitch_deg, frame.attitude.roll_deg])
     out = np.empty((len(columns), 3))
     for k, step in enumerate(np.eye(3) * STEP_DEG):
@@ -149,7 +148,7 @@ def _by_attitude(
 
 
 def _moved(surface: Surface, here: Observer, east_m: float, north_m: float, up_m: float) -> Observer:
-    """The eye moved along the ground, and then up."""
+    """The observer moved along the ground, then up."""
     row, col = _lattice_at(surface, here, east_m, north_m)
     rise_m = surface.height(row, col) - surface.height(here.row, here.col)
     return surface.observer(row, col, here.altitude_m + rise_m + up_m)
@@ -175,19 +174,19 @@ def _prior_information(scenario: EvaluationScenario, size: int) -> Array:
     errors = scenario.errors
     sigma = np.full(size, np.inf)
     if errors.azimuth_bias_sigma_deg < NO_COMPASS_SIGMA_DEG:
-        sigma[AZIMUTH_BIAS] = max(errors.azimuth_bias_sigma_deg, LEAST_SIGMA_DEG)
-    sigma[TILT_BIAS] = max(errors.tilt_bias_sigma_deg, LEAST_SIGMA_DEG)
+        sigma[AZIMUTH_BIAS] = max(errors.azimuth_bias_sigma_deg, MIN_SIGMA_DEG)
+    sigma[TILT_BIAS] = max(errors.tilt_bias_sigma_deg, MIN_SIGMA_DEG)
     own = [errors.azimuth_sigma_deg, errors.tilt_sigma_deg, errors.roll_sigma_deg]
-    sigma[FIRST_FRAME:] = np.tile(np.maximum(own, LEAST_SIGMA_DEG), (size - FIRST_FRAME) // 3)
+    sigma[FIRST_FRAME:] = np.tile(np.maximum(own, MIN_SIGMA_DEG), (size - FIRST_FRAME) // 3)
     return np.asarray(sigma**-2.0)
 
 
 def _contour_noise(scenario: EvaluationScenario, columns_px: list[Array]) -> Array:
-    """Covariance (n, n), px^2, of the chosen columns, each of which stands for COLUMNS_EACH."""
+    """Covariance (n, n), px^2, of the chosen columns, each representing COLUMNS_EACH."""
     errors = scenario.errors
     columns = np.concatenate(columns_px)
     frame_of = np.repeat(np.arange(len(columns_px)), [len(c) for c in columns_px])
-    noise = max(errors.contour_sigma_px, LEAST_SIGMA_PX) ** 2 / COLUMNS_EACH * np.eye(len(columns))
+    noise = max(errors.contour_sigma_px, MIN_SIGMA_PX) ** 2 / COLUMNS_EACH * np.eye(len(columns))
     if errors.contour_correlated_sigma_px > 0.0:
         apart = (columns[:, None] - columns[None, :]) / errors.contour_correlation_px
         same = frame_of[:, None] == frame_of[None, :]
@@ -202,7 +201,7 @@ def dem_error_covariance(error: DemError, places_m: Array) -> Array:
 
 
 def _crests(truth: Truth, optics: CameraOptics, columns_px: list[Array]) -> Array:
-    """Where the skyline's terrain stands (n, 2), east and north of the camera in metres."""
+    """Position of the skyline's terrain (n, 2), metres east and north of the camera."""
     places = []
     intrinsics = np.array([optics.fx_px, optics.fy_px, optics.cx_px, optics.cy_px, *optics.distortion])
     for frame, columns in zip(truth.frames, columns_px, strict=True):

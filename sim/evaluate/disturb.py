@@ -1,4 +1,4 @@
-"""What stands in a contour's way: things near the camera, clouds, and what the skyline finder makes of both."""
+"""Disturbs contours: foreground objects, clouds, and what the skyline finder makes of them."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -25,7 +25,7 @@ SAME_ROW_PX = 1e-2
 
 @dataclass(frozen=True)
 class Disturbed:
-    """Contours of all frames: rows (n,) for each, NaN where there is none, and where they are the terrain's."""
+    """Contours of all frames: rows (n,) for each, NaN if missing, and whether they are the terrain's."""
 
     rows_px: tuple[Array, ...]
     genuine: tuple[NDArray[np.bool_], ...]
@@ -34,7 +34,7 @@ class Disturbed:
 def disturb(
     truth: Truth, scenario: EvaluationScenario, columns_px: Array, contours: list[Array], rng: Generators
 ) -> Disturbed:
-    """The exact contours (n,) of the frames as an imperfect day and an imperfect skyline finder leave them."""
+    """The exact contours (n,) of the frames with foreground, occlusion, clouds and contour noise."""
     rows = [contour.copy() for contour in contours]
     optics = scenario.camera
     if scenario.cloud is not None:
@@ -63,7 +63,7 @@ def contour_noise(columns: int, scenario: EvaluationScenario, rng: np.random.Gen
 def _stretches(
     mean_number: float, width_deg: float, optics: CameraOptics, columns: int, rng: np.random.Generator
 ) -> Iterator[slice]:
-    """Stretches of columns."""
+    """Random intervals of columns."""
     px_per_deg = optics.fx_px * np.pi / 180.0
     for _ in range(rng.poisson(mean_number)):
         width = float(width_deg * np.exp(WIDTH_SPREAD * rng.standard_normal()))
@@ -111,7 +111,7 @@ def _clouds(
     rows: list[Array],
     rng: np.random.Generator,
 ) -> list[tuple[NDArray[np.bool_], Array]]:
-    """For each frame the columns that clouds touch, and the skyline there of what the cloud leaves of the terrain."""
+    """For each frame the columns with clouds, and the skyline of the terrain left visible there."""
     eye_m = truth.observer.altitude_m
     share = rng.uniform(what.lowest_share, what.highest_share)
     base_m = eye_m + share * max(_highest_in_view_m(truth) - eye_m, 1.0)
@@ -133,7 +133,7 @@ def _clouds(
 
 
 def _highest_in_view_m(truth: Truth) -> float:
-    """Altitude of the highest point of the whole skyline."""
+    """Altitude of the highest skyline point."""
     azimuths = np.arange(0.0, 360.0, 1.0)
     angle_deg, distance_m = truth.surface.horizon(truth.observer, azimuths)
     rise_m = distance_m * np.tan(np.radians(angle_deg)) + truth.surface.drop_per_m2 * distance_m**2

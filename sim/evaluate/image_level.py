@@ -1,4 +1,4 @@
-"""Cases with pictures: the world of a case is rendered and written down as a bundle, as a rig would."""
+"""Cases with pictures: a case's world is rendered and written as a bundle."""
 
 from datetime import UTC, datetime
 from pathlib import Path
@@ -22,7 +22,7 @@ CONTOUR_ONLY = ("foreground", "occlusion", "cloud")
 
 
 def refuse_contour_faults(scenario: EvaluationScenario) -> None:
-    """Raise SimulationError where a scenario has faults that exist at contour level only."""
+    """Raise SimulationError for faults that exist at contour level only."""
     present = [name for name in CONTOUR_ONLY if getattr(scenario, name) is not None]
     if present:
         raise SimulationError(
@@ -31,7 +31,7 @@ def refuse_contour_faults(scenario: EvaluationScenario) -> None:
 
 
 def write_pictures(truth: Truth, scenario: EvaluationScenario, seed: int, folder: Path) -> Bundle:
-    """Render all frames and write the bundle that a rig would have measured; ``seed`` draws weather and ground."""
+    """Render all frames and write the bundle of an ideal rig; ``seed`` draws weather and ground."""
     conditions = Scenario(
         place=scenario.place,
         vehicle=RigVehicle(mast_height_m=scenario.vehicle.mast_height_m),
@@ -45,10 +45,10 @@ def write_pictures(truth: Truth, scenario: EvaluationScenario, seed: int, folder
     frames = [
         _write_frame(folder, frame, renderer.frame(frame.rotation, noise), scenario) for frame in truth.frames
     ]
-    told, optics = scenario.told_of, scenario.camera
+    assumed, optics = scenario.assumed_sigma, scenario.camera
     altitude = None
     if truth.measured_altitude_m is not None:
-        altitude = Altitude(value_m=truth.measured_altitude_m, sigma_m=told("altitude_sigma_m"))
+        altitude = Altitude(value_m=truth.measured_altitude_m, sigma_m=assumed("altitude_sigma_m"))
     bundle = Bundle(
         id=folder.name,
         created=CREATED,
@@ -63,8 +63,8 @@ def write_pictures(truth: Truth, scenario: EvaluationScenario, seed: int, folder
         ),
         mast_height_m=scenario.vehicle.mast_height_m,
         altitude=altitude,
-        azimuth_bias_sigma_deg=told("azimuth_bias_sigma_deg"),
-        tilt_bias_sigma_deg=told("tilt_bias_sigma_deg"),
+        azimuth_bias_sigma_deg=assumed("azimuth_bias_sigma_deg"),
+        tilt_bias_sigma_deg=assumed("tilt_bias_sigma_deg"),
         frames=tuple(frames),
     )
     (folder / FILE_NAME).write_text(bundle.to_json(), encoding="utf-8")
@@ -81,16 +81,16 @@ def _write_frame(
         raise SimulationError("OpenCV cannot read the JPEG that it wrote; reinstall it")
     name = f"frames/{frame.label}.png"
     (folder / name).write_bytes(cv2.imencode(".png", sent)[1].tobytes())
-    told = scenario.told_of
+    assumed = scenario.assumed_sigma
     return Frame(
         label=frame.label,
         file=name,
         sha256=sha256_of(folder / name),
         time=CREATED,
         azimuth_deg=frame.measured.heading_deg,
-        azimuth_sigma_deg=told("azimuth_sigma_deg"),
+        azimuth_sigma_deg=assumed("azimuth_sigma_deg"),
         tilt_deg=frame.measured.pitch_deg,
-        tilt_sigma_deg=told("tilt_sigma_deg"),
+        tilt_sigma_deg=assumed("tilt_sigma_deg"),
         roll_deg=frame.measured.roll_deg,
-        roll_sigma_deg=told("roll_sigma_deg"),
+        roll_sigma_deg=assumed("roll_sigma_deg"),
     )

@@ -1,4 +1,4 @@
-"""The figures of an evaluation as pictures."""
+"""Plots of an evaluation."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,7 +18,7 @@ COLOUR = "tab:blue"
 
 
 def write_plots(rows: Sequence[CaseRow], title: str, folder: Path) -> list[Path]:
-    """Draw what there is enough of to draw; returns the files."""
+    """Draw the plots for which there are enough data; returns the files."""
     fixes = [r for r in rows if r.status == "fix" and not r.outside]
     right = right_fixes(rows)
     bounded = [r for r in right if r.crlb_rms_m is not None]

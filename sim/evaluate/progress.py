@@ -1,4 +1,4 @@
-"""What is seen of a long run: on a terminal a bar with the time left, else a line now and then; on standard error."""
+"""Progress of a long run on standard error: a bar with the remaining time on a terminal, else occasional lines."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -15,7 +15,7 @@ LINES = 20  # in a whole run
 
 @contextmanager
 def counting(cases: int) -> Iterator[Callable[[CaseRow], None]]:
-    """A function to be told of each row as it is finished."""
+    """A callback for finished rows."""
     console = Console(stderr=True)
     seen: Counter[str] = Counter()
     columns = BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("{task.description}")

@@ -1,4 +1,4 @@
-"""What is written down of one case."""
+"""The table row of one case."""
 
 import json
 from typing import Literal
@@ -7,7 +7,7 @@ from pydantic import BaseModel, ConfigDict
 
 
 class CaseRow(BaseModel):
-    """One line of the table. None where there is nothing to say: no fix, no bound, no altimeter."""
+    """One table row. None if not applicable: no fix, no bound, no altimeter."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -70,5 +70,5 @@ def _cell(value: object) -> str:
 
 
 def compact_json(numbers: dict[str, int] | dict[str, float]) -> str:
-    """Numbers by name in one short line."""
+    """Numbers by name as compact JSON."""
     return json.dumps({name: round(value, 4) for name, value in numbers.items()}, separators=(",", ":"))

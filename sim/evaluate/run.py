@@ -1,4 +1,4 @@
-"""All cases of an experiment, on several processors if wanted, whatever interrupts them."""
+"""Runs all cases of an experiment, in parallel if requested, resumable after an interruption."""
 
 import multiprocessing
 import os
@@ -23,10 +23,10 @@ def run_cases(
     fresh: bool = False,
     report: Callable[[CaseRow], None] = lambda _row: None,
 ) -> list[CaseRow]:
-    """The rows of the cases; those that ``table`` has already are not computed again.
+    """The rows of the cases; those already in ``table`` are not computed again.
 
-    Each row is on disk before ``report`` is told of it. With more than one job the cases run in processes of their own,
-    with one thread each; what a case is does not depend on it.
+    Each row is on disk before ``report`` is called. With more than one job the cases run in separate single-threaded
+    processes; results do not depend on that.
 
     Raises:
         SimulationError: a DEM cannot be used, or the table was made with other settings.
@@ -52,7 +52,7 @@ def _in_processes(experiment: Experiment, cases: Sequence[int], jobs: int) -> It
     if not cases:
         return
     with _environment(ONE_THREAD):
-        # New processes rather than forks: numba must start with the number of threads that is wanted.
+        # New processes, not forks: numba needs its number of threads at start-up.
         pool = ProcessPoolExecutor(
             min(jobs, len(cases)), multiprocessing.get_context("spawn"), initializer=_leave_interrupts_alone
         )
@@ -65,7 +65,7 @@ def _in_processes(experiment: Experiment, cases: Sequence[int], jobs: int) -> It
 
 
 def _leave_interrupts_alone() -> None:
-    """Ctrl-C reaches the whole process group: the parent decides, the workers finish the case at hand."""
+    """Ignore Ctrl-C, which reaches the whole process group: the parent decides, workers finish their case."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 

@@ -1,7 +1,7 @@
-"""What an evaluation's cases are drawn from.
+"""The scenario of an evaluation's cases.
 
-At contour level there are no devices: errors are given as the sigmas that the localizer's input has. What is drawn
-(``errors``) and what the localizer is told of it (``told``) are two things, the same unless a scenario says otherwise.
+At contour level there are no devices: errors are given as the sigmas of the localizer's input. The drawn errors
+(``errors``) and the sigmas given to the localizer (``told``) are the same unless a scenario separates them.
 """
 
 from pathlib import Path
@@ -24,7 +24,7 @@ class Vehicle(Section):
 
 
 class View(Section):
-    """Where the camera looks; its tilt puts the skyline about the middle of the image."""
+    """Directions of the camera; its tilt centres the skyline in the image."""
 
     azimuths_deg: tuple[Finite, ...] = (0.0, 90.0, 180.0, 270.0)
     drawn_frames: tuple[int, int] | None = None  # that many (from, to) at any azimuths instead
@@ -52,8 +52,8 @@ class Errors(Section):
     contour_correlation_px: Positive = 10.0  # ... over about so many columns
 
 
-class Told(Section):
-    """What the localizer is told where that differs from ``errors``."""
+class AssumedSigmas(Section):
+    """Sigmas given to the localizer if they differ from ``errors``."""
 
     altitude_sigma_m: Positive | None = None
     azimuth_bias_sigma_deg: NonNegative | None = None
@@ -65,7 +65,7 @@ class Told(Section):
 
 
 class DemError(Section):
-    """What the searched DEM does not know: a random field of heights added to the truth's."""
+    """Error of the searched DEM: a random field of heights added to the truth's."""
 
     rms_m: Positive
     correlation_m: Positive = 200.0  # where the correlation has fallen to 1/e
@@ -80,7 +80,7 @@ class Twins(Section):
 
 
 class Foreground(Section):
-    """Bushes, boulders and masts that stand above the terrain's skyline."""
+    """Foreground objects (bushes, boulders, masts) above the terrain's skyline."""
 
     per_frame: NonNegative = 1.5  # mean number
     width_deg: Positive = 4.0  # median
@@ -89,7 +89,7 @@ class Foreground(Section):
 
 
 class Occlusion(Section):
-    """Something near fills the view of some directions: a wall, a slope of rubble, trees."""
+    """Occlusion of whole frames: a wall, a slope of rubble, trees."""
 
     frames: Annotated[int, Field(ge=1)] = 1
     missing: Share = 0.5  # of them have no contour; the others have the wrong thing's
@@ -97,7 +97,9 @@ class Occlusion(Section):
 
 
 class Cloud(Section):
-    """Cloud over stretches of the skyline: terrain above its base is hidden, and a lower edge is taken for the skyline."""
+    """Clouds over intervals of the skyline: terrain above the base is hidden, and a lower edge is taken for the
+    skyline.
+    """
 
     per_frame: NonNegative = 1.0
     width_deg: Positive = 15.0  # median
@@ -109,7 +111,7 @@ class Cloud(Section):
 
 
 class EvaluationScenario(Section):
-    """All of it. Absent sections do not happen."""
+    """The whole scenario. Absent sections have no effect."""
 
     place: Place = Place()
     vehicle: Vehicle = Vehicle()
@@ -117,7 +119,7 @@ class EvaluationScenario(Section):
     camera: CameraOptics = CameraOptics()
     weather: Weather = Weather()  # of pictures
     errors: Errors = Errors()
-    told: Told = Told()
+    told: AssumedSigmas = AssumedSigmas()
     dem_error: DemError | None = None
     twins: Twins | None = None
     foreground: Foreground | None = None
@@ -134,8 +136,8 @@ class EvaluationScenario(Section):
             raise ValueError("[twins] goes neither with [dem_error] nor with half of the DEM")
         return self
 
-    def told_of(self, name: str) -> float:
-        """The sigma that the localizer is told, by the name of its error."""
+    def assumed_sigma(self, name: str) -> float:
+        """The sigma given to the localizer, by the name of its error."""
         told = getattr(self.told, name)
         return float(getattr(self.errors, name) if told is None else told)
 

@@ -1,4 +1,4 @@
-"""What a table of cases adds up to."""
+"""Summary statistics of a table of cases."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -17,19 +17,19 @@ PROBABILITY_EDGES = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.99, 0.999, 1.0)
 
 
 def is_right(row: CaseRow) -> bool:
-    """Whether the best place is the true one by either measure, be the status what it may."""
+    """Whether the best place is the true one by either measure, whatever the status."""
     if row.outside or row.error_cells is None or row.mahalanobis2 is None:
         return False
     return row.error_cells <= WRONG_CELLS or row.mahalanobis2 <= WRONG_SIGMAS**2
 
 
 def is_wrong_fix(row: CaseRow) -> bool:
-    """Whether a wrong place is called a fix: far off by both measures, or any place where the truth is outside."""
+    """Whether a wrong place has status ``fix``: far off by both measures, or any place if the truth is outside the DEM."""
     return row.status == "fix" and not is_right(row)
 
 
 def right_fixes(rows: Sequence[CaseRow]) -> list[CaseRow]:
-    """The fixes that are not wrong: what their errors and ellipses are worth is a question of its own."""
+    """The fixes that are not wrong; errors and ellipses are evaluated on these."""
     return [r for r in rows if r.status == "fix" and not is_wrong_fix(r)]
 
 
@@ -50,7 +50,7 @@ def coverage(rows: Sequence[CaseRow]) -> dict[str, float | None]:
 
 
 def reliability(rows: Sequence[CaseRow]) -> list[dict[str, Any]]:
-    """For bins of the probability given: how many answers, their mean probability, how often the place was right."""
+    """For bins of the stated probability: number of answers, mean probability, and share of right places."""
     answered = [r for r in rows if r.probability is not None]
     bins = []
     for low, high in pairwise(PROBABILITY_EDGES):
@@ -74,7 +74,9 @@ def reliability(rows: Sequence[CaseRow]) -> list[dict[str, Any]]:
 
 
 def summarize(rows: Sequence[CaseRow]) -> dict[str, Any]:
-    """All figures of some cases. Errors are of all fixes; bound and ellipses are held against those that are not wrong."""
+    """All figures of some cases. Errors are those of all fixes; bound and ellipses are evaluated on the fixes that are
+    not wrong.
+    """
     fixes = [r for r in rows if r.status == "fix"]
     wrong = [r for r in rows if is_wrong_fix(r)]
     right = right_fixes(rows)

@@ -1,6 +1,6 @@
 """The table of cases on disk: one line of settings, a CSV header, one row per case.
 
-Rows are appended as they come, so that whatever ends a run leaves a table that the next one goes on with.
+Rows are appended as they finish, so that an interrupted run can be resumed.
 """
 
 import csv
@@ -25,7 +25,7 @@ MARK = "# settings "
 
 
 def settings_of(experiment: Experiment) -> dict[str, Any]:
-    """What rows must have in common to stand in one table: what is asked, and of which localizer."""
+    """Settings common to all rows of a table: the experiment, and the localizer's version."""
     return {
         "level": experiment.level,
         "estimator_only": experiment.estimator_only,
@@ -37,7 +37,7 @@ def settings_of(experiment: Experiment) -> dict[str, Any]:
 
 
 def read_table(path: Path, settings: dict[str, Any]) -> dict[int, CaseRow]:
-    """The rows of an earlier run by case, none where there was no such run. A line that was cut off does not count.
+    """The rows of an earlier run by case, none without one. A truncated line is ignored.
 
     Raises:
         SimulationError: the table was made with other settings, or is no such table.
@@ -97,7 +97,7 @@ def _digest(path: Path) -> str:
 
 @cache
 def _source_digest() -> str:
-    """Of the localizer's files when this process first asked."""
+    """Digest of the localizer's files, at first use in this process."""
     total = hashlib.sha256()
     folder = Path(localizer.__file__).parent
     for path in sorted(folder.rglob("*.py")):

@@ -1,4 +1,4 @@
-"""What is true in one case, and what its instruments say of it."""
+"""The truth of one case, and its sensor readings."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -8,25 +8,26 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from sim.evaluate.scenario import DemError, EvaluationScenario
-from sim.paper.observing import aimed_tilt_deg, half_view_deg
+from sim.paper.observations import aimed_tilt_deg, half_view_deg
+from sim.world.draw_place import draw_place
+from sim.world.draw_rig import random_generator
 from sim.world.mechanics import Attitude, Rotation, camera_in_world
 from sim.world.scenario import Scenario
 from sim.world.scenario import Vehicle as RigVehicle
 from sim.world.surface import Observer, Surface
 from sim.world.terrain import Terrain
-from sim.world.truth import draw_place, random_generator
 
 Array = NDArray[np.float64]
 Generators = Callable[[str], np.random.Generator]
 
-POINTING_DEG = 0.5  # a head stops up to so far from the azimuth it was sent to, and knows it
+POINTING_DEG = 0.5  # largest offset of a stop from the commanded azimuth, known to the rig
 STEEPEST_AIM_DEG = 25.0
 NO_COMPASS_SIGMA_DEG = 180.0
 
 
 @dataclass(frozen=True)
 class TrueFrame:
-    """One look: the camera's attitude, and what the sensors make of it (heading: azimuth, pitch: tilt)."""
+    """One frame: the camera's attitude, and the attitude measured by the sensors (heading: azimuth, pitch: tilt)."""
 
     label: str
     attitude: Attitude
@@ -40,7 +41,7 @@ class TrueFrame:
 
 @dataclass(frozen=True)
 class Truth:
-    """Where a vehicle stands and how it looks around. ``measured_altitude_m`` is None without an altimeter."""
+    """The vehicle's place and its frames. ``measured_altitude_m`` is None without an altimeter."""
 
     surface: Surface
     observer: Observer
@@ -53,7 +54,7 @@ class Truth:
         return self.surface.terrain.easting_northing_m(self.observer.row, self.observer.col)
 
     def raised_to(self, altitude_m: float) -> "Truth":
-        """The same with the camera at another altitude; the altimeter's error stays what it is."""
+        """The truth with the camera at another altitude; the altimeter's error is unchanged."""
         rise_m = altitude_m - self.observer.altitude_m
         measured_m = self.measured_altitude_m
         return replace(
@@ -64,7 +65,7 @@ class Truth:
 
 
 def case_generators(seed: int, case: int) -> Generators:
-    """The generators of one case by purpose: the same ones whatever else is computed, and in whatever order."""
+    """The random generators of one case by purpose, independent of what else is computed."""
     return lambda purpose: random_generator([seed, case], purpose)
 
 
@@ -92,7 +93,7 @@ def draw_truth(
 
 
 def truth_at(surface: Surface, observer: Observer, scenario: EvaluationScenario, rng: Generators) -> Truth:
-    """Draw what the instruments say at a place."""
+    """Draw the sensor readings at a place."""
     errors = scenario.errors
     altitude_m = observer.altitude_m + errors.altitude_sigma_m * rng("altimeter").standard_normal()
     return Truth(

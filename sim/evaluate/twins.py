@@ -1,7 +1,7 @@
-"""A DEM that holds the same surroundings twice: a crop, its mirror image, and the crop again with some relief added.
+"""Makes a DEM with duplicated surroundings: a crop, its mirror image, and the crop again with added relief.
 
-The mirror image between them lets the heights go on without a step. The vehicle stands on either copy, where all that it sees
-lies within that copy.
+The mirror image between them avoids steps in height. The vehicle stands on either copy, and its whole horizon lies
+within that copy.
 """
 
 from collections.abc import Iterator
@@ -14,24 +14,24 @@ from numpy.typing import NDArray
 from sim.errors import SimulationError
 from sim.evaluate.scenario import DemError, EvaluationScenario, Twins
 from sim.evaluate.truth import Generators, with_errors
+from sim.world.draw_place import draw_place
 from sim.world.scenario import Scenario
 from sim.world.scenario import Vehicle as RigVehicle
 from sim.world.surface import Observer, Surface
 from sim.world.terrain import Terrain
-from sim.world.truth import draw_place
 
 Array = NDArray[np.float64]
 
 CROPS, PLACES = 12, 25
-"""How many crops of the DEM, and places in each, are tried."""
+"""Number of crops of the DEM, and places in each, that are tried."""
 AZIMUTHS_DEG = np.arange(0.0, 360.0, 0.5)
-LEAST_SIDE = 100
+MIN_SIDE = 100
 MARGIN_CELLS = 5.0
 
 
 @dataclass(frozen=True)
 class TwinPlace:
-    """The surface with both copies, where its first cell lies in the DEM's lattice, and the camera on one of the copies."""
+    """The surface with both copies, the position of its first cell in the DEM's lattice, and the camera on one copy."""
 
     surface: Surface
     first_row: int
@@ -46,9 +46,9 @@ def draw_twins(known: Surface, scenario: EvaluationScenario, twins: Twins, rng: 
         SimulationError: the DEM is too small, or no place in it sees its own copy alone.
     """
     side = min(*known.height_m.shape, twins.cells)
-    if side < LEAST_SIDE:
+    if side < MIN_SIDE:
         raise SimulationError(
-            f"DEM {known.terrain.name}: {side} cells are too few for twins, which need {LEAST_SIDE}"
+            f"DEM {known.terrain.name}: {side} cells are too few for twins, which need {MIN_SIDE}"
         )
     draw = rng("twins")
     relief_m = twins.relief_m[int(draw.integers(len(twins.relief_m)))]
@@ -67,7 +67,7 @@ def draw_twins(known: Surface, scenario: EvaluationScenario, twins: Twins, rng: 
                 error = DemError(rms_m=relief_m, correlation_m=twins.correlation_m)
                 copy_m = with_errors(crop, error, rng("relief")).height_m
             surface = Surface(_side_by_side(crop, copy_m))
-            return TwinPlace(surface, row, col, _eye(surface, here, scenario))
+            return TwinPlace(surface, row, col, _observer_above_ground(surface, here, scenario))
     raise SimulationError(
         f"DEM {known.terrain.name}: found no place that sees only the {side} x {side} cells around it; use a larger DEM, more"
         " [twins] cells or a milder [place]"
@@ -75,7 +75,7 @@ def draw_twins(known: Surface, scenario: EvaluationScenario, twins: Twins, rng: 
 
 
 def _places(crop: Surface, scenario: EvaluationScenario, draw: np.random.Generator) -> Iterator[Array]:
-    """Row and column of places whose view ends inside the crop in all directions."""
+    """Row and column of places whose horizon lies inside the crop in all directions."""
     conditions = Scenario(
         place=scenario.place.model_copy(update={"enclosed_fraction": 1.0}),
         vehicle=RigVehicle(mast_height_m=scenario.vehicle.mast_height_m),
@@ -88,14 +88,14 @@ def _places(crop: Surface, scenario: EvaluationScenario, draw: np.random.Generat
         yield np.array([observer.row, observer.col])
 
 
-def _eye(surface: Surface, place: Array, scenario: EvaluationScenario) -> Observer:
+def _observer_above_ground(surface: Surface, place: Array, scenario: EvaluationScenario) -> Observer:
     row, col = float(place[0]), float(place[1])
     return surface.observer(row, col, surface.height(row, col) + scenario.vehicle.mast_height_m)
 
 
 def _sees_its_copy(surface: Surface, place: Array, side: int, scenario: EvaluationScenario) -> bool:
-    """Whether all of the horizon lies inside the copy that the place is on."""
-    observer = _eye(surface, place, scenario)
+    """Whether the whole horizon lies inside the copy with the place."""
+    observer = _observer_above_ground(surface, place, scenario)
     _, distance_m = surface.horizon(observer, AZIMUTHS_DEG)
     row, col = surface.lattice(observer, AZIMUTHS_DEG, distance_m)
     first = place[1] // side * side

@@ -1,1 +1,1 @@
-"""Things that go wrong with the fake devices at a time that a script gives."""
+"""Faults injected into the fake devices at scripted times."""

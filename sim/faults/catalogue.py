@@ -1,20 +1,20 @@
-"""Every fault that a script can name, by the kind of device that it happens to, with its parameters."""
+"""All faults of a script, by kind of device, with their parameters."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 SHARE = {"share": 1.0}
-"""Of the messages, drawn one by one."""
+"""Share of the messages, drawn for each."""
 
 
 @dataclass(frozen=True)
 class Kind:
-    """What happens, in a line, and the parameters with their defaults, all of them numbers."""
+    """A fault in one line, and its parameters with defaults, all numbers."""
 
     summary: str
     parameters: Mapping[str, float] = field(default_factory=dict)
     lasts: bool = True
-    """Whether ``for`` makes sense: an event that is over at once has none."""
+    """Whether ``for`` applies: an instantaneous event has no duration."""
 
 
 WIRE = {
@@ -91,4 +91,4 @@ DEVICES: dict[str, tuple[str, ...]] = {
     "clock": ("clock",),
     "disk": ("disk",),
 }
-"""Device of a script -> the groups that it can belong to, depending on what the scenario fits."""
+"""Device of a script -> its possible groups, depending on the scenario."""

@@ -1,4 +1,4 @@
-"""What happens to a chip on its I2C bus, and inside it."""
+"""Faults of a chip, on its I2C bus and internal."""
 
 import errno
 import os
@@ -23,7 +23,7 @@ NOTHING_MEASURED: dict[type, dict[int, bytes]] = {
     Bmp3: {0x04: bytes.fromhex("000080000080")},  # the data registers' value before the first conversion
     Ms5611: {0x00: bytes(3)},
 }
-"""Register -> what reading it gives while there is no measurement."""
+"""Register -> its content without a measurement."""
 
 
 class FaultyChip:
@@ -39,7 +39,7 @@ class FaultyChip:
         self._remembered: dict[tuple[bytes, bytes, int], bytes] = {}
 
     def begin(self, fault: Fault) -> None:
-        """Let ``fault`` happen from now on, or once."""
+        """Start ``fault``, or apply it once."""
         if fault.fault == "reset":
             self._chip.power_cycle()
             return
@@ -47,7 +47,7 @@ class FaultyChip:
             self._active.append(fault)
 
     def end(self, fault: Fault) -> None:
-        """Let it no longer happen."""
+        """End ``fault``."""
         with self._lock:
             self._active.remove(fault)
 
@@ -71,7 +71,7 @@ class FaultyChip:
         return data
 
     def _measured(self, write: bytes, data: bytes, frozen: bool) -> bytes:
-        """A frozen chip goes on saying that it has measured, and what it says is always the same."""
+        """A frozen chip keeps reporting new data with always the same value."""
         if not data:
             self._command = write
         key = (self._command, write, len(data))

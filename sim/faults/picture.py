@@ -1,4 +1,4 @@
-"""What happens to the pictures of a camera before they are sent."""
+"""Faults of a camera's pictures."""
 
 import threading
 import time
@@ -14,7 +14,7 @@ Picture = NDArray[np.uint8]
 
 
 class FaultyPictures:
-    """Takes each picture of the camera and returns the one that is sent; None where none is."""
+    """Receives each picture and returns the one to send; None to send none."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -23,18 +23,18 @@ class FaultyPictures:
         self._past: deque[tuple[float, Picture]] = deque()
 
     def begin(self, fault: Fault) -> None:
-        """Let ``fault`` happen from the next picture on."""
+        """Start ``fault`` with the next picture."""
         with self._lock:
             self._active[fault.fault] = fault
             self._held = None
 
     def end(self, fault: Fault) -> None:
-        """Let it no longer happen."""
+        """End ``fault``."""
         with self._lock:
             del self._active[fault.fault]
 
     def __call__(self, picture: Picture) -> Picture | None:
-        """The picture that is sent in place of this one, taken now."""
+        """The picture sent in place of this one, taken now."""
         with self._lock:
             active = dict(self._active)
             if "stalled" in active:

@@ -1,4 +1,4 @@
-"""Plays a fault script on a simulated rig that runs."""
+"""Applies a fault script to a running simulated rig."""
 
 import contextlib
 import resource
@@ -25,14 +25,14 @@ from sim.faults.script import Fault
 from sim.faults.wire import Wire
 
 NOWHERE_TO_WRITE = Path("/sys/kernel")
-"""A folder in which nobody, not even root, can make anything."""
+"""A folder in which not even root can create files."""
 
 Step = Callable[[], None]
 
 
 @dataclass
 class Stage:
-    """What the faults act on. ``sensors``: chip or talker by the name that a script gives it."""
+    """The targets of faults. ``sensors``: chip or talker by its name in scripts."""
 
     servo_port: PtyPort
     servo_bus: ServoBus
@@ -58,13 +58,13 @@ class Stage:
         self.camera.alter = self.pictures
 
     def command_started(self, pid: int) -> None:
-        """Say which process runs on this rig: a full disk happens to it and not to a device."""
+        """Register the process under test: a full disk is a fault of the process, not of a device."""
         self.command_pid = pid
         limit_files(self, self.largest_file)
 
 
 def steps(stage: Stage, fault: Fault) -> tuple[Step, Step]:
-    """What begins and what ends a fault.
+    """The functions that start and end a fault.
 
     Raises:
         SimulationError: the device that the scenario fits does not have this fault.
@@ -159,7 +159,7 @@ def _disk_steps(stage: Stage, fault: Fault) -> tuple[Step, Step]:
 
 
 def limit_files(stage: Stage, size: int) -> None:
-    """Let the command write no file beyond ``size`` bytes: nearest to a full disk that needs no rights."""
+    """Limit the command's file size to ``size`` bytes: the closest to a full disk without privileges."""
     stage.largest_file = size
     if stage.command_pid is None:
         return
@@ -175,19 +175,19 @@ def _point(link: Path, target: Path) -> None:
 
 
 def _ignore(result: object) -> None:
-    """For what returns something that nobody needs."""
+    """Discard a result."""
 
 
 def _nothing() -> None:
-    """There is nothing to end."""
+    """No-op."""
 
 
 @contextmanager
 def playing(stage: Stage, faults: Sequence[Fault], say: Callable[[str], None]) -> Iterator[None]:
-    """Play ``faults`` while the context lasts; ``say`` hears what happens when.
+    """Apply ``faults`` on schedule while the context lasts; ``say`` is called for each.
 
-    Faults at 0 s are there before the context is entered. The time of the others counts from the moment when
-    the rig first speaks to the head.
+    Faults at 0 s are active before the context is entered. Other times count from the rig's first instruction to the
+    head.
 
     Raises:
         SimulationError: a device does not have a fault of the script.
@@ -205,7 +205,7 @@ def playing(stage: Stage, faults: Sequence[Fault], say: Callable[[str], None]) -
     timed.sort(key=lambda step: step[0])
 
     def play(stop: threading.Event) -> None:
-        while not stage.servo_bus.spoken_to.wait(0.02):
+        while not stage.servo_bus.contacted.wait(0.02):
             if stop.is_set():
                 return
         start_s = time.monotonic()

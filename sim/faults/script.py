@@ -41,7 +41,7 @@ def load_faults(path: Path) -> tuple[Fault, ...]:
     Raises:
         SimulationError: it cannot be read, or an entry names what there is not.
     """
-    from sim.documents import json_file, toml_file  # of the commands; faults themselves do without
+    from sim.documents import json_file, toml_file  # of the commands only; faults do not need it
 
     content: Any = (json_file if path.suffix == ".json" else toml_file)("fault script", path)
     entries = content.get("fault") if isinstance(content, dict) else content

@@ -1,4 +1,4 @@
-"""What a cable, an adapter or noise does to the messages of a serial device."""
+"""Faults of a serial line: cable, adapter, noise."""
 
 import threading
 import time

@@ -1,4 +1,4 @@
-"""Runs a command as a shell would: in the foreground, signals passed on, its exit status handed back."""
+"""Runs a command as a shell does: in the foreground, with signals forwarded and its exit status returned."""
 
 import contextlib
 import os
@@ -17,7 +17,7 @@ FORWARDED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 def search_path() -> str:
-    """PATH with the scripts beside this Python first: ``rig`` is the one installed with it."""
+    """PATH with the scripts of this Python first, so that ``rig`` is the one of the same installation."""
     return os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", os.defpath)])
 
 
@@ -41,9 +41,9 @@ def run_command(
 ) -> int:
     """Run ``command`` with ``environment`` added to the present one, and wait for it.
 
-    It gets a process group of its own, in the foreground of the terminal if there is one: Ctrl-C reaches it once,
-    and what is sent to this process is passed on to it. Returns its exit status, 128 + n if signal n ended it.
-    ``started`` is told its process id; ``stdout`` takes the place of its standard output.
+    It gets its own process group, in the foreground of the terminal if there is one: Ctrl-C reaches it once, and
+    signals to this process are forwarded. Returns its exit status, 128 + n if signal n ended it. ``started`` gets its
+    process id; ``stdout`` replaces its standard output.
 
     Raises:
         SimulationError: the command cannot be started.
@@ -65,7 +65,7 @@ def run_command(
 
 
 class _Signals:
-    """Signals on their way to a process group: kept until there is one."""
+    """Signals for a process group: stored until it exists."""
 
     def __init__(self) -> None:
         self._waiting: list[int] = []
@@ -86,7 +86,7 @@ class _Signals:
 
 @contextlib.contextmanager
 def _kept_signals() -> Iterator[_Signals]:
-    """Take the signals that end a program for as long as the context lasts."""
+    """Intercept the signals that end a program while the context lasts."""
     signals = _Signals()
     previous = {number: signal.signal(number, signals.arrive) for number in FORWARDED}
     try:
@@ -98,7 +98,7 @@ def _kept_signals() -> Iterator[_Signals]:
 
 @contextlib.contextmanager
 def _foreground(group: int) -> Iterator[None]:
-    """Give the terminal to a process group for a while, if it is ours to give."""
+    """Give the terminal to a process group while the context lasts, if this process owns it."""
     terminal = sys.__stdin__.fileno() if sys.__stdin__ and not sys.__stdin__.closed else -1
     if terminal < 0 or not os.isatty(terminal) or os.tcgetpgrp(terminal) != os.getpgrp():
         yield
@@ -108,7 +108,7 @@ def _foreground(group: int) -> Iterator[None]:
     try:
         with contextlib.suppress(OSError):
             os.tcsetpgrp(terminal, group)
-            os.killpg(group, signal.SIGCONT)  # in case it read too early and was stopped
+            os.killpg(group, signal.SIGCONT)  # in case it read early and was stopped
         yield
     finally:
         os.tcsetpgrp(terminal, os.getpgrp())

@@ -1,4 +1,4 @@
-"""Which sensors a scenario fits into the rig, how they happen to be mounted, and what the installer writes of them."""
+"""Sensors of a scenario: fake device, mounting, and the configuration keys that an installer writes for it."""
 
 import math
 from collections.abc import Callable
@@ -28,7 +28,7 @@ TALKER_BAUD = 4800
 COMPASS_RATE_HZ, BAROMETER_RATE_HZ = 5.0, 2.0
 SELF_HEATING_C = 2.0
 QUIETEST_UG_RTHZ, QUIETEST_UT, QUIETEST_PA = 5.0, 0.02, 0.5
-"""No chip is free of noise, not even in an ideal world: one that repeats itself has stopped converting."""
+"""Least noise, also in an ideal scenario: a real chip without noise has stopped converting."""
 
 ACCELEROMETERS: dict[str, type[Adxl355] | type[Iis2iclx]] = {
     "adxl355": Adxl355,
@@ -37,12 +37,12 @@ ACCELEROMETERS: dict[str, type[Adxl355] | type[Iis2iclx]] = {
     "ism330dhcx": Ism330dhcx,
 }
 MOUNTING = {"adxl355": ("+y", "-x", "+z"), "iis2iclx": ("-x", "-y", "+z"), "mmc5983ma": ("-y", "+x", "+z")}
-"""How each chip is soldered: its axis that points right, forward and up."""
+"""Orientation of each chip: its axes that point right, forward and up."""
 
 
 @dataclass(frozen=True)
 class FittedChip:
-    """A chip, the bus that it hangs on, and its keys in the rig configuration but for ``bus``."""
+    """A chip, its bus number, and its configuration keys except ``bus``."""
 
     chip: PoweredChip
     bus: int
@@ -51,7 +51,7 @@ class FittedChip:
 
 @dataclass(frozen=True)
 class FittedTalker:
-    """A talker that already talks, and its keys in the rig configuration but for ``port``."""
+    """A running talker, and its configuration keys except ``port``."""
 
     talker: Talker
     keys: dict[str, Any]
@@ -145,7 +145,7 @@ def _compass_talker(world: World, head: HeadNow, rng: np.random.Generator) -> Fi
 def altimeter(
     world: World, clock: Clock, compass: FittedChip | FittedTalker | None = None
 ) -> FittedChip | FittedTalker:
-    """The barometer: a chip, or a talker, on the port of the ``compass`` where the scenario has one stream for both."""
+    """The barometer: a chip, or a talker, on the ``compass``'s port if the scenario has one stream for both."""
     wanted, rng = world.scenario.altimeter, world.rng("altimeter noise")
 
     def pressure_hpa() -> float:

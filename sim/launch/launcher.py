@@ -1,4 +1,4 @@
-"""Starts the fake devices of a world, writes the rig configuration that points at them, tears everything down."""
+"""Starts the fake devices of a world, writes a rig configuration for them, and shuts everything down."""
 
 import json
 import tempfile
@@ -25,10 +25,10 @@ from sim.faults.player import Stage, playing
 from sim.faults.script import Fault
 from sim.launch import fitted_sensors
 from sim.launch.fitted_sensors import FittedChip, FittedTalker
-from sim.launch.odometer import talking_odometer
+from sim.launch.odometer import running_odometer
 from sim.launch.rig_config import rig_config, run_tables
 from sim.launch.steering import SOCKET_NAME, steered
-from sim.render.eye import Eye, Picture
+from sim.render.scene_camera import Picture, SceneCamera
 from sim.world.mechanics import Attitude, JointState
 from sim.world.truth import World
 
@@ -36,12 +36,12 @@ BAUD = 1_000_000
 SHAKING_MG = 40.0
 DEG_PER_TICK = 360.0 / 4096.0
 RETURN_DELAY_2US = 25
-"""What an installer sets it to, in units of 2 us; the factory's 500 us only cost time."""
+"""Return delay set by an installer, in units of 2 us; the factory's 500 us only cost time."""
 
 
 @dataclass(frozen=True)
 class Joint:
-    """How a servo is built in: the tick where the joint is at zero, and the way that it turns."""
+    """Mounting of a servo: the tick at joint zero, and the direction."""
 
     name: str
     servo_id: int
@@ -66,7 +66,7 @@ TILT = Joint("tilt", 2, zero_tick=1992, direction=-1, min_deg=-40.0, max_deg=60.
 
 @dataclass(frozen=True)
 class SimulatedRig:
-    """Fake devices that run. Tests reach into them to break something; programs only get the two paths."""
+    """Running fake devices. Tests may inject faults through its fields; programs only get the two paths."""
 
     config_path: Path
     truth_path: Path
@@ -79,22 +79,22 @@ class SimulatedRig:
     stage: Stage
     clock_steps: bool
     world: World
-    eye: Eye
+    scene_camera: SceneCamera
 
     @property
     def environment(self) -> dict[str, str]:
-        """The environment variables of the contract, and the wall clock's where a fault steps it."""
+        """The environment variables of the contract, and the clock's offset file if a fault steps the clock."""
         paths = {"SKYFIX_CONFIG": self.config_path, "SKYFIX_TRUTH": self.truth_path}
         if self.clock_steps:
             paths["SKYFIX_CLOCK_OFFSET"] = self.stage.clock_file
         return {name: str(path) for name, path in paths.items()}
 
     def truth(self) -> dict[str, Any]:
-        """The truth at this moment."""
+        """The present truth."""
         return self.world.truth_json()
 
     def go(self, speed_m_s: float, course_deg: float) -> None:
-        """The vehicle drives: its odometer says so, and its inclinometer is shaken, until it stands somewhere."""
+        """Let the vehicle drive: its odometer reports it and its inclinometer vibrates, until ``stand_at``."""
         vehicle = self.world.vehicle
         vehicle.speed_m_s, vehicle.course_deg, vehicle.shaken_mg = speed_m_s, course_deg % 360.0, SHAKING_MG
 
@@ -106,7 +106,8 @@ class SimulatedRig:
         pitch_deg: float = 0.0,
         roll_deg: float = 0.0,
     ) -> dict[str, Any]:
-        """Put the vehicle elsewhere while all devices run; returns the truth there, which the truth's file says, too.
+        """Place the vehicle elsewhere while all devices run; returns the truth there, which the truth file then holds
+        too.
 
         Raises:
             SimulationError: the DEM has no height there.
@@ -114,7 +115,7 @@ class SimulatedRig:
         vehicle = self.world.vehicle
         standpoint = self.world.standpoint_at(lat_deg, lon_deg)
         vehicle.speed_m_s = 0.0
-        self.eye.look_from(standpoint)
+        self.scene_camera.move_to(standpoint)
         vehicle.standpoint, vehicle.shaken_mg = standpoint, 0.0
         self.world.mechanics.base = Attitude(heading_deg % 360.0, pitch_deg, roll_deg)
         truth = self.truth()
@@ -137,13 +138,13 @@ def simulated_rig(
 ) -> Iterator[SimulatedRig]:
     """Run the devices of ``world`` while the context lasts.
 
-    ``picture`` draws what the camera sees from its axes in east, north, up (3, 3): (height, width, 3), BGR; the
-    world's terrain and sky unless given. ``bundle_dir`` is where the rig puts bundles when not told otherwise:
-    ``bundles`` in the current folder. ``calibration`` names calibration files in the configuration, by their kind.
-    ``faults`` are played, and ``say`` hears when. With ``dem_paths`` the configuration has a ``[run]`` for the daemon, which
-    searches these and keeps its spool beside the bundles.
+    ``picture`` renders the camera's view from its axes in east, north, up (3, 3): (height, width, 3), BGR; by default
+    the world's terrain and sky. ``bundle_dir`` is the rig's default folder for bundles: ``bundles`` in the current
+    folder. ``calibration`` names calibration files in the configuration, by kind. ``faults`` are injected, and ``say``
+    is called for each. With ``dem_paths`` the configuration has a ``[run]`` section for the daemon, which searches
+    these and keeps its spool beside the bundles.
     """
-    eye = Eye(world, picture)
+    scene_camera = SceneCamera(world, picture)
     start_s = time.monotonic()
 
     def clock() -> float:
@@ -152,7 +153,7 @@ def simulated_rig(
     pan, tilt = (_servo(world, joint, clock) for joint in (PAN, TILT))
 
     def head() -> JointState:
-        """Where the joints are at this moment; ``world.head`` follows."""
+        """The present joint angles; updates ``world.head``."""
         (pan_deg, pan_moves), (tilt_deg, tilt_moves) = pan.shaft(), tilt.shaft()
         world.head.set(
             PAN.angle_deg(pan_deg) + world.biases.pan_zero_deg,
@@ -189,7 +190,7 @@ def simulated_rig(
         i2c = I2cBridge({number: [chip for bus, chip in chips.values() if bus == number] for number in buses})
         running.callback(i2c.close)
 
-        camera = _camera(world, head, eye.picture)
+        camera = _camera(world, head, scene_camera.picture)
         running.callback(camera.close)
 
         def keys(fitted: FittedChip | FittedTalker) -> dict[str, Any]:
@@ -215,11 +216,11 @@ def simulated_rig(
         if any(fault.device == "disk" for fault in faults):
             bundle_dir.mkdir(parents=True, exist_ok=True)
             stage.bundle_link.symlink_to(bundle_dir)
-            bundle_dir = stage.bundle_link  # so that another disk can be put in its place
+            bundle_dir = stage.bundle_link  # a link, so that a fault can replace the disk
         config_path, truth_path = folder / "rig.toml", folder / "truth.json"
         run = run_tables(dem_paths, bundle_dir.with_name("spool")) if dem_paths else {}
         if run:
-            running.enter_context(talking_odometer(world, run["run.odometry"]["listen"]))
+            running.enter_context(running_odometer(world, run["run.odometry"]["listen"]))
         config = rig_config(
             world,
             pan_tilt={"port": servo_port.path, "baud": BAUD},
@@ -248,7 +249,7 @@ def simulated_rig(
             stage,
             clock_steps=any(fault.device == "clock" for fault in faults),
             world=world,
-            eye=eye,
+            scene_camera=scene_camera,
         )
         running.enter_context(steered(rig, config_path.with_name(SOCKET_NAME)))
         yield rig
@@ -297,12 +298,12 @@ def _servo(world: World, joint: Joint, clock: Callable[[], float]) -> Servo:
 
 def _camera(world: World, head: Callable[[], JointState], picture: Picture) -> CameraStream:
     noise, optics = world.rng("camera"), world.scenario.camera
-    one_at_a_time = threading.Lock()  # there is one sensor, however many look at its pictures
+    one_at_a_time = threading.Lock()  # one sensor for all clients
 
     def frame() -> NDArray[np.uint8]:
         with one_at_a_time:
             state = head()
             return picture(world.camera_rotation(state.pan_deg, state.tilt_deg), noise)
 
-    frame()  # the first one compiles its kernels; a client would take a camera that long silent for a broken one
+    frame()  # the first frame compiles its kernels, which would exceed a client's timeout
     return CameraStream(frame, rate_hz=optics.frame_rate_hz, jpeg_quality=optics.jpeg_quality)

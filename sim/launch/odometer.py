@@ -1,4 +1,4 @@
-"""The simulated vehicle's odometer: says speed and course over UDP (NMEA VTG), at rest too."""
+"""The simulated vehicle's odometer: sends speed and course over UDP (NMEA VTG), also when stationary."""
 
 import socket
 import threading
@@ -14,8 +14,8 @@ SPEED_SIGMA_SHARE, COURSE_SIGMA_DEG = 0.02, 1.5
 
 
 @contextmanager
-def talking_odometer(world: World, address: str) -> Iterator[None]:
-    """Talk to ``HOST:PORT`` while the context lasts. Its errors are drawn once: worn tyres, a gyro that sits askew."""
+def running_odometer(world: World, address: str) -> Iterator[None]:
+    """Send to ``HOST:PORT`` while the context lasts. Its constant errors are drawn once: tyre wear, gyro misalignment."""
     rng = world.rng("odometer")
     scale = 1.0 + float(rng.normal(0.0, SPEED_SIGMA_SHARE))
     askew_deg = float(rng.normal(0.0, COURSE_SIGMA_DEG))

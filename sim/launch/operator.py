@@ -1,4 +1,4 @@
-"""A scripted person beside the simulated rig: runs a command of ``rig`` and does what it asks for."""
+"""Scripted operator of the simulated rig: runs a command of ``rig`` and does what it asks for."""
 
 import os
 import re
@@ -13,13 +13,13 @@ from sim.launch.child_command import find_command, search_path
 ASKS = "Then press Enter."
 QUESTION = "[Y/n]"
 ENDS_WITHIN_S = 15.0
-"""The head is let go; nothing else takes long."""
+"""Time for switching the torque off; nothing else takes long."""
 TURN = re.compile(r"turn the vehicle by about (\d+) deg to the right")
 
 
 @dataclass(frozen=True)
 class Done:
-    """How a command ended: its exit status, and the last line that it said."""
+    """Result of a command: exit status, output, and the last line on standard error."""
 
     status: int
     out: str
@@ -27,7 +27,7 @@ class Done:
 
 
 def turn_asked_deg(line: str) -> float | None:
-    """By how much a line asks to turn the vehicle; None where it does not."""
+    """The angle by which a line asks to turn the vehicle; None if it does not."""
     found = TURN.search(line)
     return float(found.group(1)) if found else None
 
@@ -38,9 +38,9 @@ def operate(
     act: Callable[[str], None],
     hear: Callable[[str], None],
 ) -> Done:
-    """Run a command; ``act`` does what a line asks for before Enter is pressed; questions are answered with yes.
+    """Run a command; ``act`` does what a line asks for before Enter is sent; questions are answered with yes.
 
-    Whatever ends this early ends the command.
+    An early end of this call also ends the command.
     """
     with tempfile.TemporaryFile("w+", encoding="utf-8") as out:
         process = subprocess.Popen(
@@ -70,7 +70,7 @@ def operate(
 
 @contextmanager
 def _ended_early(process: "subprocess.Popen[str]") -> Iterator[None]:
-    """End a process where the context ends with an exception."""
+    """End a process if the context ends with an exception."""
     try:
         yield
     except BaseException:

@@ -1,4 +1,4 @@
-"""The rig configuration that points a rig at the fake devices: what its installer would have written."""
+"""Writes the rig configuration for the fake devices, as an installer would."""
 
 import json
 import math
@@ -13,7 +13,7 @@ from sim.world.truth import World
 
 METRES_PER_HPA = 8.7
 TICK_DEG = 360.0 / 4096.0
-ALIGNMENT_DEG = 0.003  # nobody knows the mounting of camera and chip better
+ALIGNMENT_DEG = 0.003  # mounting accuracy of camera and chip
 USUAL_TEMPERATURE_SPAN_C = 10.0
 USUAL_HEIGHT_SPAN_M = 300.0
 COLUMN_ERROR_PER_C = 1.0 / 288.0  # of a height difference, for one degree of error in the air's temperature
@@ -45,9 +45,8 @@ def rig_config(
 ) -> str:
     """The whole configuration, as TOML.
 
-    What the devices are and where they hang comes from the caller, key by key; what the installer measured or
-    judged (lens, sigmas, reference pressure) from the world. The truth does not leak: the place is rounded to
-    half a degree, good for a declination only.
+    Device keys come from the caller; what an installer measures or estimates (lens, sigmas, reference pressure) comes
+    from the world. The truth is not revealed: the place is rounded to half a degree, sufficient for a declination only.
     """
     scenario, camera = world.scenario, world.scenario.camera
     return toml(
@@ -85,7 +84,7 @@ def rig_config(
                 "height_px": camera.height_px,
                 "boresight_tilt_sigma_deg": scenario.boresight.tilt_sigma_deg,
                 "boresight_roll_sigma_deg": scenario.boresight.roll_sigma_deg,
-                **_told_intrinsics(world),
+                **_configured_intrinsics(world),
             },
             "calibration": calibration,
             **run,
@@ -94,7 +93,7 @@ def rig_config(
 
 
 def run_tables(dem_paths: Sequence[Path], spool_dir: Path) -> dict[str, dict[str, Any]]:
-    """``[run]`` for a daemon on this computer: a capture on demand only, everything published on ports that are free now."""
+    """``[run]`` for a daemon on this computer: captures on request only, all publishers on ports that are free now."""
     ports = iter(_free_ports(3))
     return {
         "run": {"dem": [str(path.absolute()) for path in dem_paths]},
@@ -106,7 +105,7 @@ def run_tables(dem_paths: Sequence[Path], spool_dir: Path) -> dict[str, dict[str
 
 
 def _free_ports(count: int) -> list[int]:
-    """Ports of the loopback interface that nobody listens on, TCP or UDP, different ones."""
+    """Different free ports of the loopback interface, TCP and UDP."""
     ports: list[int] = []
     with ExitStack() as open_sockets:
         while len(ports) < count:
@@ -121,8 +120,8 @@ def _free_ports(count: int) -> list[int]:
     return ports
 
 
-def _told_intrinsics(world: World) -> dict[str, Any]:
-    """What the lens's maker says, or a calibration has found: as wrong as the scenario wants it."""
+def _configured_intrinsics(world: World) -> dict[str, Any]:
+    """The configured intrinsics: from the maker or a calibration, with the errors of the scenario."""
     camera, biases = world.scenario.camera, world.biases
     return {
         "fx_px": camera.fx_px * biases.told_focal[0],
@@ -134,13 +133,13 @@ def _told_intrinsics(world: World) -> dict[str, Any]:
 
 
 def _azimuth_sigma_deg(scenario: Scenario) -> float:
-    """Of one frame against another: quantisation, play, settling."""
+    """Sigma between frames: quantisation, backlash, settling."""
     servo = scenario.servo
     return math.hypot(TICK_DEG / math.sqrt(12), servo.backlash_deg / 2, servo.settle_sigma_deg)
 
 
 def _zero_sigma_deg(scenario: Scenario) -> float:
-    """Zero error of the accelerometer, its drift over the usual span of temperatures, and its mounting."""
+    """Sigma of the accelerometer's zero: zero error, drift over the usual temperature span, and mounting."""
     chip = scenario.inclinometer
     drift_mg = chip.temperature_drift_sigma_mg_c * USUAL_TEMPERATURE_SPAN_C
     zero_deg = math.degrees(math.hypot(chip.zero_offset_sigma_mg, drift_mg) / 1000)
@@ -148,10 +147,10 @@ def _zero_sigma_deg(scenario: Scenario) -> float:
 
 
 def _compass_sigma_deg(world: World) -> float:
-    """Declination anomaly, and the error of the hard-iron calibration as an angle in the horizontal field.
+    """Sigma of the heading: declination anomaly, and hard-iron calibration error as an angle in the horizontal field.
 
-    The vertical field leaks in where the levelling is wrong; with the mount's own azimuth error all is taken
-    together and rounded up a little, as a careful installer does.
+    A level error adds part of the vertical field; the mount's azimuth error is included, and the sum rounded up
+    slightly, as a careful installer does.
     """
     compass = world.scenario.compass
     horizontal_ut = math.hypot(*world.field.enu_ut[:2])
@@ -165,7 +164,7 @@ def _compass_sigma_deg(world: World) -> float:
 
 
 def _altitude_sigma_m(scenario: Scenario) -> float:
-    """Barometer, reference and weather since then, and the air's temperature between reference and rig."""
+    """Sigma of the altitude: barometer, reference, weather since then, and air temperature between reference and rig."""
     altimeter = scenario.altimeter
     weather_hpa = altimeter.weather_drift_sigma_hpa_h * altimeter.reference_age_h
     pressure_m = METRES_PER_HPA * math.hypot(

@@ -1,10 +1,10 @@
-"""How a simulated rig that runs is driven from another process: a socket that takes one JSON object a line.
+"""Control of a running simulated rig's vehicle from another process: a socket with one JSON object per line.
 
     {"do": "go", "speed_m_s": 10.0, "course_deg": 90.0}                        the vehicle drives
     {"do": "stand", "lat_deg": 37.3, "lon_deg": -122.2, "heading_deg": 90.0}   it is there, and stands
     {"do": "truth"}
 
-Each is answered with the truth at that moment, or with ``{"error": "..."}``.
+Each is answered with the truth at that time, or with ``{"error": "..."}``.
 """
 
 import json
@@ -21,15 +21,15 @@ from sim.background import in_background
 from sim.errors import SimulationError
 
 SOCKET_NAME = "steering.sock"
-"""Beside the configuration that ``sim run`` writes."""
+"""In the folder of the configuration that ``sim run`` writes."""
 ASKED_WITHIN_S = 2.0
 LONGEST_REQUEST = 4096
 DRAWING_S = 120.0
-"""Going elsewhere draws the view from there."""
+"""Time for rendering the view from the new place."""
 
 
 class Steerable(Protocol):
-    """What a simulated rig offers to a driver."""
+    """The part of a simulated rig that is controlled here."""
 
     def go(self, speed_m_s: float, course_deg: float) -> None: ...
     def stand_at(
@@ -40,7 +40,7 @@ class Steerable(Protocol):
 
 @contextmanager
 def steered(rig: Steerable, path: Path) -> Iterator[None]:
-    """Listen at ``path`` while the context lasts."""
+    """Serve the socket ``path`` while the context lasts."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as listener:
         listener.bind(str(path))
         listener.listen()
@@ -55,12 +55,12 @@ def _serve(rig: Steerable, listener: socket.socket, stop: threading.Event) -> No
             client, _ = listener.accept()
         except TimeoutError:
             continue
-        with client, suppress(OSError):  # whoever went away needs no answer
+        with client, suppress(OSError):  # the client has gone
             client.sendall(json.dumps(_done(rig, _line(client))).encode() + b"\n")
 
 
 def _line(client: socket.socket) -> bytes:
-    """What a client asks, up to the end of the line; it has ``ASKED_WITHIN_S`` for all of it."""
+    """A client's request line; it must be complete within ``ASKED_WITHIN_S``."""
     line, until_s = b"", time.monotonic() + ASKED_WITHIN_S
     while b"\n" not in line and len(line) < LONGEST_REQUEST:
         client.settimeout(max(0.001, until_s - time.monotonic()))
@@ -73,7 +73,7 @@ def _line(client: socket.socket) -> bytes:
 
 
 def _done(rig: Steerable, line: bytes) -> dict[str, Any]:
-    from sim.documents import values_of  # of the commands; the simulated rig does without
+    from sim.documents import values_of  # of the commands only; the simulated rig does not need it
 
     try:
         request = values_of(line)
@@ -92,7 +92,7 @@ def _done(rig: Steerable, line: bytes) -> dict[str, Any]:
 
 
 def steer(path: Path, request: Mapping[str, Any]) -> dict[str, Any]:
-    """Ask the rig that listens at ``path``.
+    """Send a request to the rig at ``path``.
 
     Raises:
         SimulationError: there is none, or it cannot do that.

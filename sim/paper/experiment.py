@@ -1,8 +1,8 @@
-"""Table I of Talluri and Aggarwal (1992) again: nine places, four directions, contours without and with noise.
+"""Repeats Table I of Talluri and Aggarwal (1992): nine places, four directions, contours without and with noise.
 
-The contours come from the simulator's triangulated surface, the search knows only its own bilinear one. As in the paper the
-sensors and the DEM are exact and only the contour is noisy. So the DEM is taken at its word; of the sensors the search is told
-the sigmas below.
+The contours come from the simulator's triangulated surface, while the search uses its own bilinear one. As in the paper
+the sensors and the DEM are exact and only the contour is noisy. So the DEM is declared exact; the sensors have the
+sigmas below.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,7 +19,7 @@ from localizer.search.answer import Located
 from localizer.search.grid_only import grid_only_estimate
 from localizer.search.locate import locate
 from sim.errors import SimulationError
-from sim.paper.observing import aimed_tilt_deg, frame_observation
+from sim.paper.observations import aimed_tilt_deg, frame_observation
 from sim.world.contour import skyline_contour
 from sim.world.mechanics import Attitude, camera_in_world
 from sim.world.scenario import CameraOptics
@@ -65,7 +65,9 @@ TABLE_I = (
 
 @dataclass(frozen=True)
 class Row:
-    """One place: counts of the noise-free run as in Table I, and errors in grid points; None where no place was found."""
+    """Results of one place: counts of the noise-free run as in Table I, and errors in grid points; None without a
+    position.
+    """
 
     actual: tuple[float, float]
     candidates_after_one_direction: int
@@ -78,12 +80,12 @@ class Row:
     grid_only_error_noise_free: float | None
     grid_only_error_sigma5: float | None
     claimed_noise_free: float | None = None
-    """One standard deviation that the answer claims, grid points, along the longer axis of its ellipse."""
+    """Stated standard deviation along the longer axis of the answer's ellipse, grid points."""
     claimed_sigma5: float | None = None
 
 
 def paper_places(rows: int, cols: int, embedded: bool) -> list[tuple[float, float]]:
-    """The nine places as (row, col): the paper's own grid positions, or nine spread alike over a grid of another size."""
+    """The nine places as (row, col): the paper's own grid positions, or the same layout on a grid of another size."""
     if embedded:
         return [run.actual for run in TABLE_I]
     return [
@@ -99,7 +101,8 @@ def repeat_table_i(
     doubt: bool = False,
     report: Callable[[int, Row], None] = lambda _number, _row: None,
 ) -> list[Row]:
-    """Run the experiment; ``report`` is told of each place as it is finished. ``doubt`` the DEM as that of a real place.
+    """Run the experiment; ``report`` is called after each place. With ``doubt`` the DEM is treated as inexact, like
+    that of a real place.
 
     Raises:
         SimulationError: one of the places lies in a void.
@@ -134,7 +137,7 @@ def repeat_table_i(
 
 
 def mean(values: Sequence[float | None]) -> float | None:
-    """Mean error; None unless every place was found."""
+    """Mean error; None unless every place was located."""
     found = [v for v in values if v is not None]
     return float(np.mean(found)) if found and len(found) == len(values) else None
 

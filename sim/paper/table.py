@@ -66,7 +66,7 @@ def print_table(rows: Sequence[Row]) -> None:
 
 
 def summary(rows: Sequence[Row]) -> dict[str, float | None]:
-    """Mean errors and mean claimed sigmas in grid points; None where a place was not found."""
+    """Mean errors and mean stated sigmas in grid points; None if a place was not located."""
     return {
         "mean_error_noise_free": mean([row.error_noise_free for row in rows]),
         "mean_error_sigma5": mean([row.error_sigma5 for row in rows]),

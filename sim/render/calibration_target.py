@@ -1,4 +1,4 @@
-"""A calibration board held before the simulated camera, somewhere else every few frames."""
+"""Pictures of a calibration target in front of the simulated camera, at changing positions."""
 
 from dataclasses import dataclass
 
@@ -13,28 +13,28 @@ Array = NDArray[np.float64]
 
 COLUMNS, ROWS, SQUARE_MM, MARKER_MM = 9, 7, 30.0, 22.0
 DICTIONARY = cv2.aruco.DICT_4X4_250
-PAPER_PX_MM = 2.0  # of the drawing: about as fine as the camera sees it
+PAPER_PX_MM = 2.0  # resolution of the drawing, about the camera's
 DRAWN_FINER = 4
 BACKGROUND = 110
 PAPER_BLACK, PAPER_WHITE = 25.0, 225.0
 FRAMES_A_POSE = 4
-MOST_TILT_DEG = 40.0
+MAX_TILT_DEG = 40.0
 DISTANCE_MM = (280.0, 620.0)
-PLACES = (5, 4)  # columns, rows of the picture that the board's middle is brought to in turn
+PLACES = (5, 4)  # columns, rows: positions of the target's centre, in turn
 SEEN_SHARE = (0.06, 0.94)
 
 
 @dataclass(frozen=True)
 class Pose:
-    """The board in the camera frame: its middle (3,), mm, and its axes right and down (3,)."""
+    """Pose of the target in the camera frame: its centre (3,), mm, and its axes right and down (3,)."""
 
     middle_mm: Array
     right: Array
     down: Array
 
 
-class BoardPictures:
-    """Pictures of the board as a person moves it: still for some frames, then elsewhere, all over the picture."""
+class CalibrationTargetPictures:
+    """Pictures of a target that a person moves: still for some frames, then in another position, all over the picture."""
 
     def __init__(self, optics: CameraOptics, rng: np.random.Generator) -> None:
         self._sensor = Sensor(optics)
@@ -53,7 +53,7 @@ class BoardPictures:
         return self._sensor.expose(self._clean, self._rng)
 
     def _next_pose(self) -> Pose:
-        """Somewhere new in the picture, tilted by any angle about any direction."""
+        """A new position in the picture, with a random tilt."""
         if not self._places:
             self._places = [(i, j) for i in range(PLACES[0]) for j in range(PLACES[1])]
             self._rng.shuffle(self._places)
@@ -63,14 +63,14 @@ class BoardPictures:
         optics = self._optics
         u, v = share * [optics.width_px, optics.height_px]
         ray = np.array([(u - optics.cx_px) / optics.fx_px, (v - optics.cy_px) / optics.fy_px, 1.0])
-        lean = np.radians(self._rng.uniform(0.0, MOST_TILT_DEG))
+        lean = np.radians(self._rng.uniform(0.0, MAX_TILT_DEG))
         towards, spin = self._rng.uniform(0.0, 2.0 * np.pi, 2)
         axis = np.array([np.cos(towards), np.sin(towards), 0.0])
         turn = _turned(axis, lean) @ _turned(np.array([0.0, 0.0, 1.0]), 0.3 * np.sin(spin))
         return Pose(ray * self._rng.uniform(*DISTANCE_MM), turn[:, 0], turn[:, 1])
 
     def _seen(self, pose: Pose) -> NDArray[np.uint8]:
-        """What comes in along the sensor's rays."""
+        """The target as seen along the sensor's rays."""
         rays = self._sensor.rays.astype(np.float64)
         normal = np.cross(pose.right, pose.down)
         reach = (pose.middle_mm @ normal) / (rays @ normal)
@@ -91,7 +91,7 @@ class BoardPictures:
 
 
 def _paper() -> NDArray[np.uint8]:
-    """The board as printed, from its upper left corner, in grey levels of a real print."""
+    """The printed target, from its upper left corner, in grey levels of a real print."""
     dictionary = cv2.aruco.getPredefinedDictionary(DICTIONARY)
     board = cv2.aruco.CharucoBoard((COLUMNS, ROWS), SQUARE_MM, MARKER_MM, dictionary)
     per_mm = PAPER_PX_MM * DRAWN_FINER

@@ -1,4 +1,4 @@
-"""One picture to look a simulated world over: the whole panorama, and what the camera makes of it."""
+"""Contact sheet of a simulated world: the whole panorama, and camera frames."""
 
 import cv2
 import numpy as np
@@ -14,7 +14,7 @@ DIRECTIONS = {"N": 0.0, "E": 90.0, "S": 180.0, "W": 270.0}
 
 
 def contact_sheet(world: World, panorama: Panorama, renderer: Renderer) -> NDArray[np.uint8]:
-    """Blue, green, red: the panorama from north to north, above frames to N, E, S and W."""
+    """BGR image: the panorama from north to north, above frames to N, E, S and W."""
     frames = [_frame(world, renderer, label, azimuth_deg) for label, azimuth_deg in DIRECTIONS.items()]
     pictures = np.vstack([np.hstack(frames[:2]), np.hstack(frames[2:])])
     top, bottom = ((panorama.top_deg - deg) / panorama.step_deg for deg in (STRIP_ABOVE_DEG, STRIP_BELOW_DEG))
@@ -28,7 +28,7 @@ def contact_sheet(world: World, panorama: Panorama, renderer: Renderer) -> NDArr
 
 
 def _frame(world: World, renderer: Renderer, label: str, azimuth_deg: float) -> NDArray[np.uint8]:
-    """A frame without roll, tilted to where the skyline is."""
+    """A frame without roll, tilted to the skyline."""
     around_deg = azimuth_deg + np.linspace(-20.0, 20.0, 41)
     skyline_deg = float(np.nanmedian(np.nan_to_num(world.surface.horizon(world.observer, around_deg)[0])))
     frame = renderer.frame(

@@ -1,6 +1,6 @@
-"""What the ground looks like: grass, scrub, forest, rock and snow under sun, shadow and sky.
+"""Shading of the ground: grass, scrub, forest, rock and snow under sun, shadow and sky light.
 
-Everything is anchored to the terrain, so that the same rock is seen from everywhere at the same place.
+Textures are fixed to the terrain: the same rock appears at the same place from any viewpoint.
 """
 
 from typing import NamedTuple
@@ -21,7 +21,7 @@ ROUGHNESS = 0.16  # slope that one octave of relief adds
 
 
 class Ground(NamedTuple):
-    """What the compiled shading needs; a plain tuple of arrays and numbers for it."""
+    """Input of the compiled shading, as a plain tuple of arrays and numbers."""
 
     slope_east: NDArray[np.float32]  # (rows, cols), metres of height a metre
     slope_north: NDArray[np.float32]
@@ -40,7 +40,7 @@ class Ground(NamedTuple):
 def prepare_ground(
     surface: Surface, light: Daylight, texture: NDArray[np.float32], snow_line_m: float | None
 ) -> Ground:
-    """Slopes at the lattice points, cast shadows, and the range of heights that vegetation follows."""
+    """Slopes at the lattice points, cast shadows, and the height range that controls vegetation."""
     height_m = surface.height_m
     south_m, east_m = surface.terrain.cell_size_m()
     slope_east, slope_north = np.zeros_like(height_m), np.zeros_like(height_m)
@@ -68,9 +68,9 @@ def _cast_shadows(
 ) -> NDArray[np.float32]:
     """Share of the sun that reaches each lattice point (rows, cols).
 
-    A sweep away from the sun, row by row (or column by column, whichever the sun stands closer to): the
-    shadow's upper edge over a point is what the neighbour towards the sun casts, lowered by the sun's slope.
-    Interpolating between two neighbours softens edges with distance, as the penumbra does.
+    A sweep away from the sun, by rows or columns, whichever the sun is closer to: the shadow's upper edge at a point is
+    the one of the neighbour towards the sun, lowered by the sun's slope. Interpolation between two neighbours softens
+    edges with distance, like a penumbra.
     """
     level = float(np.hypot(sun[0], sun[1]))
     if level < 1e-6:
@@ -107,7 +107,7 @@ def _lattice_mean(values, i, j, fi, fj):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, inline="always", error_model="numpy", fastmath=True)
 def _relief(texture, x, y, footprint_m):  # type: ignore[no-untyped-def]
-    """Noise at a place, of all wavelengths that a picture element shows.
+    """Noise at a place, of all wavelengths that a pixel resolves.
 
     Returns:
         Coarse noise (hundreds of metres: where what grows), patches (tens of metres), fine noise (below), and
@@ -142,10 +142,10 @@ def _relief(texture, x, y, footprint_m):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy", fastmath=True)
 def ground_radiance(ground, row, col, height_m, distance_m, footprint_m):  # type: ignore[no-untyped-def]
-    """Linear red, green, blue that the ground at a lattice position sends out.
+    """Linear RGB radiance of the ground at a lattice position.
 
-    ``footprint_m`` is how much of it one picture element covers: finer texture is left out, which is what
-    keeps distant slopes from sparkling.
+    ``footprint_m`` is the size of a pixel on the ground: finer texture is omitted, which avoids aliasing on distant
+    slopes.
     """
     i = min(max(int(row), 0), ground.lit.shape[0] - 2)
     j = min(max(int(col), 0), ground.lit.shape[1] - 2)

@@ -1,10 +1,9 @@
-"""The whole view from one place, rendered once: the optical centre stays put while the head turns.
+"""The full panorama from one place, rendered once: the optical centre does not move while the head turns.
 
-The picture is cylindrical: columns are true azimuths, rows elevation angles, in equal steps. Every column is
-drawn along its own exact profile of the triangulated surface, front to back and from the bottom up, so that
-what hides what is exact and the skyline lies where ``Surface.horizon`` says, blended into the row that it
-crosses by its share of it. Well below every skyline lies the foreground, some half of the picture: there
-every second row and column is filled in from its neighbours.
+The picture is cylindrical: columns are true azimuths, rows elevation angles, equally spaced. Every column is drawn
+along its own exact profile of the triangulated surface, front to back and bottom to top, so that occlusion is exact and
+the skyline lies where ``Surface.horizon`` says, blended into its row by area. Well below every skyline is the
+foreground, about half of the picture: there every second row and column is interpolated.
 """
 
 from dataclasses import dataclass
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 from sim.render.ground import ground_radiance, prepare_ground
 from sim.render.noise_texture import noise_texture
 from sim.render.sky import SKY_STEP_DEG, air_light, daylight, sky_picture, toned
-from sim.world.surface import (
+from sim.world.lines_of_sight import (
     MAX_CROSSINGS,
     chunk_ceiling,
     piece_maximum,
@@ -25,13 +24,13 @@ from sim.world.surface import (
     ray_position,
     tangent_bound,
     trace_chunk,
-    track_of,
 )
+from sim.world.surface import track_of
 from sim.world.truth import World
 
 Array = NDArray[np.float64]
 
-STEP_PX = 0.43  # a little less than the renderer's rays are apart: a finer picture would alias between them
+STEP_PX = 0.43  # slightly finer than the renderer's rays, to avoid aliasing
 MIN_STEP_DEG = 0.02  # keeps it below 300 MB
 TOP_DEG = 65.0
 BOTTOM_DEG = -40.0
@@ -50,7 +49,7 @@ class Panorama:
 
 
 def render_panorama(world: World) -> Panorama:
-    """Draw everything that the world's camera can see, as finely as it can resolve."""
+    """Render everything that the world's camera can see, at its resolution."""
     finest_deg = max(float(np.degrees(STEP_PX / world.scenario.camera.fx_px)), MIN_STEP_DEG)
     columns = 2 * int(np.ceil(180.0 / finest_deg))
     step_deg = 360.0 / columns
@@ -92,7 +91,7 @@ def render_panorama(world: World) -> Panorama:
 
 
 def _foreground_row(horizon_deg: Array, step_deg: float, rows: int) -> int:
-    """First row of the foreground; none where the view is open somewhere."""
+    """First row of the foreground; none if the view is open somewhere."""
     if np.isnan(horizon_deg).any():
         return rows
     below_deg = min(FOREGROUND_TOP_DEG, float(horizon_deg.min()) - FOREGROUND_GAP_DEG)
@@ -101,9 +100,9 @@ def _foreground_row(horizon_deg: Array, step_deg: float, rows: int) -> int:
 
 @njit(cache=True, parallel=True, error_model="numpy")
 def _draw(  # type: ignore[no-untyped-def]
-    image, terrain, eye, ground, air, extinction_per_m, azimuths, tangents, foreground, step, top
+    image, terrain, viewpoint, ground, air, extinction_per_m, azimuths, tangents, foreground, step, top
 ):
-    """Draw the terrain of all columns over the sky, of the foreground every second row and column only."""
+    """Draw the terrain of all columns over the sky, in the foreground every second row and column only."""
     rows, columns = image.shape[0], image.shape[1]
     for task in prange((columns + STRIPE - 1) // STRIPE):
         buffers = (np.empty(MAX_CROSSINGS + 1), np.empty(MAX_CROSSINGS), np.empty(MAX_CROSSINGS))
@@ -113,7 +112,7 @@ def _draw(  # type: ignore[no-untyped-def]
             filled, tangent = _draw_terrain(
                 column,
                 terrain,
-                eye,
+                viewpoint,
                 ground,
                 air[k],
                 extinction_per_m,
@@ -139,14 +138,25 @@ def _draw(  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def _draw_terrain(  # type: ignore[no-untyped-def]
-    column, terrain, eye, ground, air, extinction_per_m, azimuth, tangents, foreground, end, step, buffers
+    column,
+    terrain,
+    viewpoint,
+    ground,
+    air,
+    extinction_per_m,
+    azimuth,
+    tangents,
+    foreground,
+    end,
+    step,
+    buffers,
 ):
     """Fill one column with terrain from the row above ``end`` upwards.
 
     Returns the highest row that terrain fills at its centre (``end`` if none) and the skyline's tangent.
     """
     height_m, block_max_m, max_height_m, drop, chunk_m = terrain
-    row, col, altitude_m, reach_m, track = eye
+    row, col, altitude_m, reach_m, track = viewpoint
     times, z0, z1 = buffers
     rows, cols = height_m.shape
     ray = ray_polynomial(track, azimuth)
@@ -203,7 +213,7 @@ def _draw_terrain(  # type: ignore[no-untyped-def]
 
 
 def _fill_foreground(image: NDArray[np.uint8], foreground: int) -> None:
-    """Means of neighbours for the odd rows and columns that ``_draw`` left out."""
+    """Interpolate the odd rows and columns that ``_draw`` omits."""
     part = image[foreground:]
     if len(part) < 3:
         part[:, 1::2] = part[:, 0::2]

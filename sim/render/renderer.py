@@ -1,4 +1,4 @@
-"""Camera frames: the panorama seen through lens and sensor."""
+"""Camera frames: the panorama resampled through lens and sensor models."""
 
 import cv2
 import numpy as np
@@ -16,7 +16,7 @@ READ_NOISE_SHARE = 0.3  # of a mid-grey pixel's variance; the rest is shot noise
 
 
 class Sensor:
-    """What lens and sensor make of light: blur, fall-off, exposure, noise."""
+    """Model of lens and sensor: blur, vignetting, exposure, noise."""
 
     def __init__(self, optics: CameraOptics) -> None:
         self.optics = optics
@@ -25,7 +25,7 @@ class Sensor:
         self._shading = _vignette(optics)
 
     def image(self, fine: NDArray[np.uint8]) -> NDArray[np.float32]:
-        """The picture before noise, 0..255, of what comes in along ``rays`` (rows, columns, 3)."""
+        """The noise-free picture, 0..255, from the light along ``rays`` (rows, columns, 3)."""
         size = (self.optics.width_px, self.optics.height_px)
         picture = np.asarray(cv2.resize(fine, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
         if self.optics.blur_px > 0.0:
@@ -33,7 +33,7 @@ class Sensor:
         return np.asarray(picture * self._shading)
 
     def expose(self, clean: NDArray[np.float32], rng: np.random.Generator | None) -> NDArray[np.uint8]:
-        """The picture read out, with noise where there is a generator for it."""
+        """The final picture, with noise if a generator is given."""
         if rng is None or self.optics.noise == 0.0:
             return np.asarray(np.clip(np.rint(clean), 0.0, 255.0), dtype=np.uint8)
         normal = rng.standard_normal(clean.shape, dtype=np.float32)
@@ -43,7 +43,7 @@ class Sensor:
 
 
 class Renderer:
-    """Takes pictures of a world's panorama. One thread each: it remembers the last view."""
+    """Renders frames from a world's panorama. Single-threaded: it caches the last view."""
 
     def __init__(self, world: World, panorama: Panorama) -> None:
         self.panorama = panorama
@@ -60,7 +60,7 @@ class Renderer:
         return self._sensor.expose(self._clean(rotation), rng)
 
     def _clean(self, rotation: Rotation) -> NDArray[np.float32]:
-        """The picture before the sensor's noise, 0..255; a head at rest is drawn once."""
+        """The picture before the sensor's noise, 0..255; cached for a stationary head."""
         if self._last is not None and np.array_equal(self._last[0], rotation):
             return self._last[1]
         columns = self.panorama.image.shape[1]
@@ -131,7 +131,7 @@ def _arctangent(y, x):  # type: ignore[no-untyped-def]
 def _panorama_position(  # type: ignore[no-untyped-def]
     rays, rotation, steps_per_rad, top, columns, last_row, map_x, map_y
 ):
-    """Where each ray meets the panorama: column (0 <= x < columns) and row, kept inside the picture."""
+    """Panorama position of each ray: column (0 <= x < columns) and row, clipped to the picture."""
     for i in prange(rays.shape[0]):
         for j in range(rays.shape[1]):
             x, y = rays[i, j, 0], rays[i, j, 1]

@@ -1,7 +1,7 @@
-"""Daylight: what the sky looks like, what light falls on the ground, and what the air in between adds.
+"""Daylight: sky radiance, illumination of the ground, and haze.
 
-Radiances are linear red, green, blue, relative to a white surface that faces the sun. The models are plain
-fits to what photographs look like, not radiometry.
+Radiances are linear RGB, relative to a white surface facing the sun. The models are fits to the look of photographs,
+not radiometry.
 """
 
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from numba import njit, prange
 from numpy.typing import NDArray
 
 from sim.render.noise_texture import WAVELENGTH, noise_at
-from sim.world.truth import Air
+from sim.world.true_values import Air
 
 Array = NDArray[np.float64]
 
@@ -62,7 +62,7 @@ def daylight(air: Air) -> Daylight:
 
 
 def air_light(light: Daylight, azimuth_deg: Array) -> Array:
-    """Radiance (n, 3) of an endless depth of air, low down, at azimuths: what far ridges fade into."""
+    """Radiance (n, 3) of an infinite depth of air near the horizon, by azimuth: far ridges fade into it."""
     azimuth = np.radians(azimuth_deg)
     level = np.column_stack([np.sin(azimuth), np.cos(azimuth), np.zeros_like(azimuth)])
     away = np.arccos(np.clip(level @ light.sun, -1.0, 1.0))

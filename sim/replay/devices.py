@@ -1,4 +1,4 @@
-"""Devices that a log of ``rig record`` plays back: chips and servos that answer, talkers that talk."""
+"""Devices played back from a log of ``rig record``: chips and servos that answer, and talkers."""
 
 import os
 import threading
@@ -7,18 +7,18 @@ from typing import Any
 
 from sim.devices.dynamixel_packet import HEADER, Instruction, Request, RequestReader
 from sim.devices.pty_port import PtyPort
-from sim.replay.recorded import Asked, Recorded, epoch_heard
 from sim.replay.registers import RESERVED, set_up_answer
+from sim.replay.response_lookup import RecordedExchange, ResponseLookup, epoch_heard
 
 NO_ACKNOWLEDGE = 121
 LISTENER_S = 0.3
-"""From the listener's opening of the port to the first byte: it throws away what was there before."""
+"""Delay from the opening of the port to the first byte: listeners discard earlier input."""
 
 GOAL_POSITION = 116
-"""Address of the register in X-series servos: who writes it sends the head elsewhere."""
+"""Register address in X-series servos; a write moves the head."""
 
 NEAR_TICKS = 11
-"""A goal that follows from noisy readings is another one each time: within 1 degree it is taken for the one of then."""
+"""Tolerance for goals: those computed from noisy readings differ, and within 1 degree count as the recorded one."""
 
 FIRST_OF_A_LINE = b"$!\x01"
 
@@ -27,7 +27,7 @@ Say = Callable[[str], None]
 
 
 def with_epochs(exchanges: Sequence[Exchange]) -> Iterator[tuple[Exchange, int]]:
-    """Each exchange, and how many goals the head had been given by then."""
+    """Each exchange with its epoch: the number of goals given to the head before it."""
     epoch = 0
     for exchange in exchanges:
         epoch += "sent" in exchange and _is_goal(bytes.fromhex(exchange["sent"]))
@@ -43,10 +43,10 @@ def _is_goal(sent: bytes) -> bool:
 
 
 class ReplayedChip:
-    """A chip that reads as it did. Implements ``sim.devices.i2c_chip.I2cChip``.
+    """A chip that repeats its recorded answers. Implements ``sim.devices.i2c_chip.I2cChip``.
 
-    A read that is shorter than one of then, or begins within it, is answered from that: the registers are the same. No
-    acknowledge for what was never recorded; ``say`` is told.
+    A read contained in a recorded longer one is answered from that: the registers are the same. Unrecorded requests get
+    no acknowledge; ``say`` is called.
     """
 
     def __init__(
@@ -58,8 +58,11 @@ class ReplayedChip:
     ) -> None:
         self.address = address
         self._say = say
-        self._recorded: Recorded[Exchange] = Recorded(
-            [Asked((bytes.fromhex(e["write"]), e["length"]), e, not e["length"], at) for e, at in exchanges],
+        self._recorded: ResponseLookup[Exchange] = ResponseLookup(
+            [
+                RecordedExchange((bytes.fromhex(e["write"]), e["length"]), e, not e["length"], at)
+                for e, at in exchanges
+            ],
             epoch,
             cut_polls_go_on=True,
         )
@@ -83,11 +86,11 @@ class ReplayedChip:
 
     @property
     def ran_out(self) -> bool:
-        """Whether more was asked than then."""
+        """Whether more was requested than recorded."""
         return self._recorded.ran_out
 
     def _covering(self, write: bytes, length: int) -> Iterator[tuple[Hashable, int]]:
-        """Requests of then whose answers hold the registers of this one, and where they begin there."""
+        """Recorded requests whose answers contain these registers, and the offset."""
         if len(write) != 1 or not length:
             return
         for request in self._recorded.requests:
@@ -99,45 +102,45 @@ class ReplayedChip:
 
 
 class ReplayedServos:
-    """A bus of servos, or another device that answers on a serial port, which answers as it did."""
+    """A bus of servos, or another answering serial device, that repeats its recorded answers."""
 
     def __init__(
         self, exchanges: Sequence[tuple[Exchange, int]], say: Say, models: Mapping[int, str] | None = None
     ) -> None:
-        """``models`` by id: what such a servo has from the factory is answered where it was not asked for then."""
+        """``models`` by id: unrecorded reads of set-up registers are answered with factory values."""
         self._say = say
         self._models = models or {}
         self._reader = RequestReader()
-        asked: list[Asked[bytes]] = []
+        asked: list[RecordedExchange[bytes]] = []
         request, answer, since = b"", b"", 0
         for exchange, epoch in [*exchanges, ({"sent": ""}, 0)]:
             if "sent" in exchange:
                 if request:
                     key = _key(request)
-                    asked.append(Asked(key, answer, _is_command(key), since))
+                    asked.append(RecordedExchange(key, answer, _is_command(key), since))
                 request, answer, since = bytes.fromhex(exchange["sent"]), b"", epoch
             else:
                 answer += bytes.fromhex(exchange["received"])
-        self._recorded = Recorded(asked, self.epoch)
-        self._speaks_packets = any(isinstance(each.request, Request) for each in asked)
+        self._recorded = ResponseLookup(asked, self.epoch)
+        self._is_dynamixel = any(isinstance(each.request, Request) for each in asked)
 
     def epoch(self) -> int:
-        """How many goals the head had been given where the log is now."""
+        """The present epoch: number of goals given to the head."""
         at = self._recorded.at
         return 0 if at is None else at.epoch
 
     def answer(self, data: bytes) -> bytes:
-        """What was answered to the requests in ``data``; nothing, and ``say`` is told, where one was never made."""
-        requests = list(self._reader.feed(data)) if self._speaks_packets else [data]
+        """The recorded answers to the requests in ``data``; none, and a call of ``say``, for an unrecorded request."""
+        requests = list(self._reader.feed(data)) if self._is_dynamixel else [data]
         return b"".join(self._answer(request) for request in requests)
 
     @property
     def ran_out(self) -> bool:
-        """Whether more was asked than then."""
+        """Whether more was requested than recorded."""
         return self._recorded.ran_out
 
     def _answer(self, request: Request | bytes) -> bytes:
-        answer = self._recorded.answer(self._made_then(request))
+        answer = self._recorded.answer(self._recorded_request(request))
         if answer is None and isinstance(request, Request):
             answer = set_up_answer(request, self._models) or None
         if answer is None:
@@ -149,8 +152,8 @@ class ReplayedServos:
             self._say(f"holds no {_described(request)}{of_pictures}")
         return answer or b""
 
-    def _made_then(self, request: Request | bytes) -> Request | bytes:
-        """The request of then that this one is: itself, or the nearest goal where it is a goal."""
+    def _recorded_request(self, request: Request | bytes) -> Request | bytes:
+        """The matching recorded request: itself, or for a goal the nearest one."""
         requests = [each for each in self._recorded.requests if isinstance(each, Request)]
         if request in requests or not isinstance(request, Request) or not _is_goal_of(request):
             return request
@@ -194,10 +197,10 @@ def _tick(goal: Request) -> int:
 
 
 class ReplayedTalker:
-    """Says what was received, with the same pauses, from the moment that somebody opens the port at ``baud``.
+    """Sends the recorded bytes with the same pauses, from the opening of the port at ``baud``.
 
-    It begins again where what it said at this stop of the head ends, with the first whole line. One that said nothing is
-    told to ``say``.
+    At the end of the bytes recorded at this stop of the head it repeats them from the first complete line. A talker
+    without recorded bytes calls ``say``.
     """
 
     def __init__(
@@ -215,7 +218,7 @@ class ReplayedTalker:
         self._thread.start()
 
     def close(self) -> None:
-        """Fall silent."""
+        """Stop sending."""
         self._stop.set()
         self._thread.join()
 
@@ -244,9 +247,9 @@ class ReplayedTalker:
 
 
 def whole_lines(said: Sequence[tuple[float, bytes]]) -> list[tuple[float, bytes]]:
-    """Without the end of a line whose beginning was not heard and the beginning of one whose end was not.
+    """The bytes without incomplete lines at both ends.
 
-    All of it where it holds no whole line.
+    Unchanged if there is no complete line.
     """
     text = b"".join(data for _, data in said)
     begin = 0

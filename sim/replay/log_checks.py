@@ -1,13 +1,13 @@
-"""What a line of a log of ``rig record`` may hold; whatever else it holds is refused before a device is played from it."""
+"""Validates the lines of a log of ``rig record`` before a device is played from them."""
 
 from collections.abc import Mapping
 from typing import Any
 
-MOST_TRANSFER = 1 << 16
+MAX_TRANSFER = 1 << 16
 
 
 def check_exchange(exchange: Any) -> None:
-    """Raises ``ValueError`` for what is neither a transfer on a bus nor bytes on a port, as docs/recording.md has them."""
+    """Raises ``ValueError`` unless it is a bus transfer or bytes of a port, as in docs/recording.md."""
     if not isinstance(exchange, Mapping):
         raise ValueError("it is no JSON object")
     _number(exchange, "t")
@@ -18,7 +18,7 @@ def check_exchange(exchange: Any) -> None:
         _text(exchange, "bus")
         _whole(exchange, "address", 0x7F)
         _bytes(exchange, "write")
-        _whole(exchange, "length", MOST_TRANSFER)
+        _whole(exchange, "length", MAX_TRANSFER)
         if "errno" in exchange:
             _whole(exchange, "errno", 4095)
         else:
@@ -28,7 +28,7 @@ def check_exchange(exchange: Any) -> None:
 
 
 def check_config(config: Any) -> None:
-    """Raises ``ValueError`` for what cannot be the configuration in a log's header: sections, one of them a camera's."""
+    """Raises ``ValueError`` unless it can be a header's configuration: sections, one of them a camera's."""
     if not isinstance(config, Mapping) or not all(
         isinstance(section, Mapping) for section in config.values()
     ):
@@ -65,5 +65,5 @@ def _bytes(fields: Mapping[str, Any], key: str) -> None:
         data = bytes.fromhex(value) if isinstance(value, str) else None
     except ValueError:
         data = None
-    if data is None or len(data) > MOST_TRANSFER:
+    if data is None or len(data) > MAX_TRANSFER:
         raise ValueError(f"{key} is no bytes in hexadecimal digits")

@@ -1,6 +1,7 @@
-"""What a servo answers to a read that no log holds: the registers that it leaves the factory with.
+"""Answers unrecorded reads of a servo's set-up registers with factory values.
 
-A driver asks more than it did when a log was recorded. Set-up that nobody asked for then cannot have mattered then.
+Today's driver may read more registers than the one that recorded the log. Registers that were not read then did not
+affect it.
 """
 
 from collections.abc import Mapping
@@ -10,19 +11,19 @@ from sim.devices.register_table import RegisterTable
 from sim.devices.x_series import MODELS
 
 SET_UP_END = 104
-"""Behind the last register of set-up; what lies beyond is commanded or measured."""
+"""First address after the set-up registers; later ones are goals or measurements."""
 
 RESERVED = frozenset((address, b"\x2c", 2) for address in (0x6A, 0x6B))
-"""Address, written and length of reads of a third axis, which an IIS2ICLX does not have: no acknowledge is the right answer."""
+"""Address, bytes written and length of reads of a third axis, which an IIS2ICLX lacks: no acknowledge is correct."""
 
 
 def factory_answer(data: bytes, models: Mapping[int, str]) -> bytes:
-    """The status packets of servos, model by id, for the reads of set-up among the requests in ``data``."""
+    """The status packets for the set-up reads among the requests in ``data``; ``models`` by id."""
     return b"".join(set_up_answer(request, models) for request in RequestReader().feed(data))
 
 
 def set_up_answer(request: Request, models: Mapping[int, str]) -> bytes:
-    """The status packet to one request; none where it is no read of set-up, or to no servo that is known."""
+    """The status packet for one request; empty unless it is a set-up read of a known servo."""
     model = MODELS.get(models.get(request.servo_id, ""))
     if model is None or request.instruction != Instruction.READ or len(request.parameters) != 4:
         return b""

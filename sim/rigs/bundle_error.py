@@ -1,4 +1,4 @@
-"""How far a bundle's readings are from the truth that its frames were rendered from."""
+"""Errors of a bundle's readings against the truth that its frames were rendered from."""
 
 import threading
 from dataclasses import dataclass
@@ -20,10 +20,10 @@ MARGIN = 0.08
 
 @dataclass(frozen=True)
 class BundleError:
-    """Largest errors over the frames of a bundle, degrees; the azimuths' common part apart; altitude in metres.
+    """Largest errors over the frames of a bundle, degrees, with the common azimuth error separate; altitude in metres.
 
-    Directions are compared where they matter, at the pixels: lens, boresight and readings together. ``claimed_*`` are the
-    bundle's own sigmas, ``frames`` azimuth, tilt and roll of each frame by its label.
+    Directions are compared at pixels: lens, boresight and readings together. ``claimed_*`` are the bundle's own sigmas,
+    ``frames`` azimuth, tilt and roll error of each frame by its label.
     """
 
     tilt_deg: float
@@ -38,14 +38,14 @@ class BundleError:
 
 
 class CameraLog:
-    """Where the camera truly looked, and when. Written by the camera's thread, read afterwards."""
+    """The camera's true attitude over time. Written by the camera's thread, read afterwards."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._seen: list[tuple[datetime, Rotation]] = []
 
     def note(self, rotation: Rotation) -> None:
-        """A picture is taken now."""
+        """Record the attitude of a picture taken now."""
         with self._lock:
             self._seen.append((datetime.now(UTC), rotation.copy()))
 
@@ -59,7 +59,7 @@ class CameraLog:
 
 
 def bundle_error(directory: Path, world: World, log: CameraLog) -> BundleError:
-    """Compare a bundle with the world that it was measured in."""
+    """Compare a bundle with the truth of its world."""
     bundle = load_bundle(directory)
     off = np.array([_off_deg(bundle, frame, world, log) for frame in bundle.frames])
     azimuth = (off[:, 0] + 180.0) % 360.0 - 180.0
@@ -82,7 +82,7 @@ def bundle_error(directory: Path, world: World, log: CameraLog) -> BundleError:
 
 
 def _off_deg(bundle: Bundle, frame: Frame, world: World, log: CameraLog) -> NDArray[np.float64]:
-    """Azimuth, tilt and roll (3,) by which the bundle's directions differ from the true ones, best for all pixels together."""
+    """Azimuth, tilt and roll (3,) of the bundle's directions minus the true ones, best fit over all pixels."""
     optics, camera = world.scenario.camera, bundle.camera
     u, v = np.meshgrid(
         np.linspace(MARGIN, 1.0 - MARGIN, GRID[0]) * camera.width_px,
@@ -90,7 +90,7 @@ def _off_deg(bundle: Bundle, frame: Frame, world: World, log: CameraLog) -> NDAr
     )
     true_rays = pixel_rays(optics, u.ravel(), v.ravel())
     said_rays = pixel_rays(camera, u.ravel(), v.ravel())
-    # The rotation that best turns what the bundle says of the lens into what it is (Kabsch), as part of where it looks.
+    # The rotation (Kabsch) between the bundle's lens and the true one counts as part of the attitude.
     left, _, right = np.linalg.svd(true_rays.T @ said_rays)
     turn = left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right
     true = log.at(_time(frame)) @ turn
@@ -108,7 +108,7 @@ def _angles_deg(rotation: Rotation) -> NDArray[np.float64]:
 
 
 def _time(frame: Frame) -> datetime:
-    """When the last picture that went into a frame arrived: the head stood long before and since."""
+    """Arrival of the last picture of a frame: the head was stationary before and since."""
     raw = (frame.model_extra or {})["raw"]
     return datetime.fromisoformat(raw["frame_times"][-1])
 

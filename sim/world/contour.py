@@ -1,16 +1,16 @@
 """The exact skyline row of every image column, without an image.
 
-A column of a tilted, rolled or distorted camera runs across azimuths, so the row where it leaves the terrain
-solves elevation(u, v) = horizon(azimuth(u, v)); the secant method finds it in some three looks at the
-horizon.
+A column of a tilted, rolled or distorted camera crosses azimuths, so the row where it leaves the terrain solves
+elevation(u, v) = horizon(azimuth(u, v)); the secant method needs about three evaluations of the horizon.
 """
 
 import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
+from sim.world.lines_of_sight import MAX_CROSSINGS, horizon_tangent
 from sim.world.scenario import CameraOptics
-from sim.world.surface import MAX_CROSSINGS, Observer, Surface, horizon_tangent, track_of
+from sim.world.surface import Observer, Surface, track_of
 
 Array = NDArray[np.float64]
 
@@ -75,11 +75,10 @@ def undistorted(intrinsics, u, v):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _above_horizon(terrain, eye, intrinsics, rotation, u, v, guess, buffers):  # type: ignore[no-untyped-def]
-    """How far the line of sight through (u, v) passes above the horizon, as a difference of tangents; the
-    horizon's own.
+def _above_horizon(terrain, viewpoint, intrinsics, rotation, u, v, guess, buffers):  # type: ignore[no-untyped-def]
+    """Tangent of the line of sight through (u, v) minus that of the horizon, and the horizon's own.
 
-    ``guess`` is a tangent that the horizon is expected near; it changes the time taken, not the answer.
+    ``guess`` is an expected tangent of the horizon; it affects the run time, not the result.
     """
     x, y = undistorted(intrinsics, u, v)
     east = rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2]
@@ -91,7 +90,7 @@ def _above_horizon(terrain, eye, intrinsics, rotation, u, v, guess, buffers):  #
     tangent = np.nan
     for floor in (guess - GUESS_MARGIN, -np.inf):
         tangent, _ = horizon_tangent(
-            height_m, block_max_m, max_height_m, drop, chunk_m, eye, azimuth, floor, times, z0, z1
+            height_m, block_max_m, max_height_m, drop, chunk_m, viewpoint, azimuth, floor, times, z0, z1
         )
         if not np.isnan(tangent):
             break
@@ -99,30 +98,30 @@ def _above_horizon(terrain, eye, intrinsics, rotation, u, v, guess, buffers):  #
 
 
 @njit(cache=True)
-def _row(terrain, eye, intrinsics, height_px, rotation, u, start, guess, buffers):  # type: ignore[no-untyped-def]
+def _row(terrain, viewpoint, intrinsics, height_px, rotation, u, start, guess, buffers):  # type: ignore[no-untyped-def]
     """The row of column u and the horizon's tangent there; the search starts at a row and a tangent."""
     top, bottom = -0.5, height_px - 0.5
     lowest, highest = top - 0.25 * height_px, bottom + 0.25 * height_px
     v0 = start
-    g0, tangent = _above_horizon(terrain, eye, intrinsics, rotation, u, v0, guess, buffers)
+    g0, tangent = _above_horizon(terrain, viewpoint, intrinsics, rotation, u, v0, guess, buffers)
     v1 = min(max(v0 + g0 * intrinsics[1], lowest), highest)
     for _ in range(SECANT_STEPS):
         if abs(v1 - v0) < STEP_TOLERANCE_PX:
             return (v1 if top <= v1 <= bottom else np.nan), tangent
-        g1, tangent = _above_horizon(terrain, eye, intrinsics, rotation, u, v1, tangent, buffers)
+        g1, tangent = _above_horizon(terrain, viewpoint, intrinsics, rotation, u, v1, tangent, buffers)
         rate = (g1 - g0) / (v1 - v0)
         if not rate < 0.0:
             break
         v0, g0 = v1, g1
         v1 = min(max(v0 - g0 / rate, lowest), highest)
     above, below = top, bottom
-    if not _above_horizon(terrain, eye, intrinsics, rotation, u, above, -np.inf, buffers)[0] > 0.0:
+    if not _above_horizon(terrain, viewpoint, intrinsics, rotation, u, above, -np.inf, buffers)[0] > 0.0:
         return np.nan, np.nan
-    if not _above_horizon(terrain, eye, intrinsics, rotation, u, below, -np.inf, buffers)[0] < 0.0:
+    if not _above_horizon(terrain, viewpoint, intrinsics, rotation, u, below, -np.inf, buffers)[0] < 0.0:
         return np.nan, np.nan
     for _ in range(BISECTION_STEPS):
         middle = 0.5 * (above + below)
-        g1, tangent = _above_horizon(terrain, eye, intrinsics, rotation, u, middle, -np.inf, buffers)
+        g1, tangent = _above_horizon(terrain, viewpoint, intrinsics, rotation, u, middle, -np.inf, buffers)
         if g1 > 0.0:
             above = middle
         else:
@@ -131,7 +130,7 @@ def _row(terrain, eye, intrinsics, height_px, rotation, u, start, guess, buffers
 
 
 @njit(cache=True, parallel=True)
-def _rows(terrain, eye, intrinsics, height_px, rotation, columns_px):  # type: ignore[no-untyped-def]
+def _rows(terrain, viewpoint, intrinsics, height_px, rotation, columns_px):  # type: ignore[no-untyped-def]
     count = len(columns_px)
     rows = np.empty(count)
     for task in prange((count + COLUMNS_PER_TASK - 1) // COLUMNS_PER_TASK):
@@ -139,7 +138,7 @@ def _rows(terrain, eye, intrinsics, height_px, rotation, columns_px):  # type: i
         start, guess = intrinsics[3], -np.inf
         for k in range(task * COLUMNS_PER_TASK, min((task + 1) * COLUMNS_PER_TASK, count)):
             rows[k], tangent = _row(
-                terrain, eye, intrinsics, height_px, rotation, columns_px[k], start, guess, buffers
+                terrain, viewpoint, intrinsics, height_px, rotation, columns_px[k], start, guess, buffers
             )
             if not np.isnan(rows[k]):
                 start, guess = rows[k], tangent

@@ -1,4 +1,4 @@
-"""How base, pan, tilt and boresight turn the camera: the truth's own kinematics.
+"""Kinematics of the truth: base, pan, tilt and boresight to the camera's rotation.
 
 Frames: world is east, north, up; base, pan stage and head are x right, y forward, z up; the camera is
 OpenCV's (x right, y down, z forward). A rotation named ``a_in_b`` has a's axes as its columns, given in b.
@@ -45,7 +45,7 @@ def head_in_pan_stage(tilt_deg: float) -> Rotation:
 
 @dataclass(frozen=True)
 class Attitude:
-    """Of the base against the world, degrees; or of the camera against the head (azimuth, tilt, roll)."""
+    """Attitude of the base in the world, degrees; or of the camera in the head (azimuth, tilt, roll)."""
 
     heading_deg: float
     pitch_deg: float
@@ -53,7 +53,7 @@ class Attitude:
 
 
 def turned_about_axes(angles_deg: tuple[float, float, float]) -> Rotation:
-    """Axes of a body (3, 3) that was turned about x, then about its new y, then about its new z."""
+    """Axes of a body (3, 3) rotated about x, then about its new y, then about its new z."""
     x, y, z = np.radians(angles_deg)
     about_x = np.array([[1.0, 0.0, 0.0], [0.0, np.cos(x), -np.sin(x)], [0.0, np.sin(x), np.cos(x)]])
     about_y = np.array([[np.cos(y), 0.0, np.sin(y)], [0.0, 1.0, 0.0], [-np.sin(y), 0.0, np.cos(y)]])
@@ -74,13 +74,13 @@ def body_attitude(rotation: Rotation) -> Attitude:
 
 @dataclass
 class Mechanics:
-    """The chain from the ground to the camera. The vehicle may turn on the spot: ``base`` then changes."""
+    """The kinematic chain from the ground to the camera. The vehicle may turn on the spot, which changes ``base``."""
 
     base: Attitude
     boresight: Attitude
 
     def turn_vehicle(self, by_deg: float) -> None:
-        """Turn the base to the right about its own upright axis, as a vehicle on a slope turns."""
+        """Turn the base to the right about its own vertical axis, as a vehicle turns on a slope."""
         base = body_in_world(self.base.heading_deg, self.base.pitch_deg, self.base.roll_deg)
         self.base = body_attitude(base @ pan_stage_in_base(by_deg))
 
@@ -101,7 +101,7 @@ class Mechanics:
 
 @dataclass(frozen=True)
 class JointState:
-    """Where the joints truly are at one moment."""
+    """True joint angles at one time."""
 
     pan_deg: float
     tilt_deg: float
@@ -117,12 +117,12 @@ class Head:
         self._state = JointState(0.0, 0.0, False)
 
     def set(self, pan_deg: float, tilt_deg: float, moving: bool, holding: bool = False) -> None:
-        """Replace the whole state at once."""
+        """Replace the whole state atomically."""
         with self._lock:
             self._state = JointState(pan_deg, tilt_deg, moving, holding)
 
     def state(self) -> JointState:
-        """The whole state of one moment."""
+        """The whole state, consistent."""
         with self._lock:
             return self._state
 

@@ -1,6 +1,6 @@
-"""The scenario: the size of every error source of the simulated rig, realistic unless a file says otherwise.
+"""The scenario: the size of every error source of a simulated rig; defaults are realistic.
 
-Sigmas are what a draw is made from; the values drawn for one seed are in ``World.biases``.
+Sigmas are those of the random draws; the values drawn for a seed are in ``World.biases``.
 """
 
 from pathlib import Path
@@ -24,7 +24,7 @@ BarometerQuirk = Literal[
     "two-decimals", "engine-first", "two-pressures", "empty-group", "hpa-labelled-bar", "two-barometers", "inches-finer",
     "kelvin",
 ]  # fmt: skip
-"""Of talkers: what other people's were seen to send in place of their kind's sentence."""
+"""Quirks of talkers: reported non-standard sentences, sent instead of the standard one."""
 ServoModel = Literal["XM430-W350", "XL430-W250"]
 Sky = Literal["clear", "scattered", "broken", "overcast", "drawn"]
 
@@ -38,18 +38,18 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 class Section(BaseModel):
-    """Immutable, and no key that it does not know."""
+    """Immutable, without unknown keys."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 class Place(Section):
-    """Where the vehicle stands: drawn under these conditions, or given in WGS84 by both coordinates."""
+    """The vehicle's place: drawn under these conditions, or given in WGS84 by both coordinates."""
 
     lat_deg: Latitude | None = None
     lon_deg: Longitude | None = None
     stop: Annotated[int, Field(ge=0)] = (
-        0  # on a trip: another one, another place and lean; same rig, same weather
+        0  # stop of a trip: another number gives another place and attitude; same rig, same weather
     )
     max_slope_deg: Positive = 25.0  # what the vehicle can drive on
     edge_margin_m: NonNegative = 1000.0  # the place, and what forms its horizon, stay this far inside the DEM
@@ -65,7 +65,7 @@ class Place(Section):
 
 
 class Vehicle(Section):
-    """The base that the head stands on."""
+    """The vehicle: the base of the head."""
 
     mast_height_m: Positive = 2.0
     max_tilt_deg: Annotated[float, Field(ge=0.0, le=30.0)] = 6.0  # of the base, in a random direction
@@ -73,7 +73,7 @@ class Vehicle(Section):
 
 
 class Boresight(Section):
-    """How the camera sits in the head, unknown to the rig."""
+    """Mounting error of the camera in the head, unknown to the rig."""
 
     azimuth_sigma_deg: NonNegative = 0.05
     tilt_sigma_deg: NonNegative = 0.01
@@ -85,14 +85,14 @@ class Servo(Section):
 
     pan_model: ServoModel = "XM430-W350"
     tilt_model: ServoModel = "XM430-W350"
-    backlash_deg: NonNegative = 0.05  # whole width of the play between gear and head
-    settle_sigma_deg: NonNegative = 0.03  # how far from its goal friction lets the shaft come to rest
+    backlash_deg: NonNegative = 0.05  # total backlash between gear and head
+    settle_sigma_deg: NonNegative = 0.03  # error of the resting position from static friction
     encoder_noise_ticks: NonNegative = 0.2  # of one reading
-    zero_sigma_deg: NonNegative = 0.0  # of each joint: by how much the installer's zero tick is off
-    swing_deg: NonNegative = 0.1  # the head swings on after a stop from 60 deg/s, and comes to rest
-    max_velocity_deg_s: Positive = 240.0  # what the motor reaches whatever its profile asks for
+    zero_sigma_deg: NonNegative = 0.0  # of each joint: error of the installer's zero tick
+    swing_deg: NonNegative = 0.1  # swing of the head after a stop from 60 deg/s
+    max_velocity_deg_s: Positive = 240.0  # limit of the motor, whatever its profile
     supply_voltage_v: Positive = 12.0
-    pan_turned_deg: Finite = 0.0  # by hand since the power came on, from where the head is parked
+    pan_turned_deg: Finite = 0.0  # turned by hand since power-on, from the parking position
     tilt_turned_deg: Finite = 0.0
     pan_left: dict[str, int] = Field(
         default_factory=dict
@@ -121,13 +121,11 @@ class Inclinometer(Section):
     """Accelerometer in the head."""
 
     chip: InclinometerChip = "adxl355"
-    soldered: SolderedInclinometer | None = (
-        None  # what really is fitted, where that is not what is written on it
-    )
+    soldered: SolderedInclinometer | None = None  # the chip really fitted, if it differs from its label
     noise_density_ug_rthz: NonNegative = 22.5
     zero_offset_sigma_mg: NonNegative = 0.2  # per axis, what is left after zeroing
     temperature_drift_sigma_mg_c: NonNegative = 0.02  # per axis and degree away from 20 C, where zeroed
-    mounting_sigma_deg: NonNegative = 0.0  # per axis: how askew the chip sits in the head
+    mounting_sigma_deg: NonNegative = 0.0  # per axis: mounting error of the chip in the head
     scale_sigma: NonNegative = 0.0  # per axis, as a share
 
 
@@ -143,10 +141,10 @@ class Compass(Section):
     vehicle_hard_iron_sigma_ut: NonNegative = 0.0  # per axis, fixed to the vehicle
     vehicle_soft_iron_sigma: NonNegative = 0.0  # per element of the vehicle's symmetric matrix
     declination_anomaly_sigma_deg: NonNegative = 0.4  # the local field against the World Magnetic Model
-    disturbance_enu_ut: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)  # of iron or a current beside the rig
+    disturbance_enu_ut: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)  # of iron or a current near the rig
     motor_current_field_ut: NonNegative = 8.0  # while a motor moves
     holding_current_field_ut: NonNegative = 0.0  # while the motors hold the head with torque
-    bridge_offset_sigma_ut: NonNegative = 15.0  # of the chip, per axis; SET and RESET uncover it
+    bridge_offset_sigma_ut: NonNegative = 15.0  # of the chip, per axis; removed by SET and RESET
     talker_noise_deg: NonNegative = 0.2  # per sentence, for kinds that send headings
 
     @model_validator(mode="after")
@@ -162,7 +160,7 @@ class Altimeter(Section):
     kind: AltimeterKind = "bmp390"
     quirk: BarometerQuirk | None = None  # of a talker
     on_compass_port: bool = False  # one serial stream carries both talkers
-    soldered: SolderedAltimeter | None = None  # what really is fitted instead of an ms5611 or ms5607
+    soldered: SolderedAltimeter | None = None  # the chip really fitted instead of an ms5611 or ms5607
     noise_hpa: NonNegative = 0.01  # per reading
     bias_sigma_hpa: NonNegative = 0.25
     reference_sigma_hpa: NonNegative = 0.1  # error of the pressure written down
@@ -196,7 +194,7 @@ class Weather(Section):
 
 
 class CameraOptics(Section):
-    """The camera as it truly is, and how far off is what the rig is told of it."""
+    """The true camera, and the errors of the intrinsics given to the rig."""
 
     width_px: Annotated[int, Field(ge=16, le=4096)] = 640
     height_px: Annotated[int, Field(ge=16, le=4096)] = 480
@@ -223,7 +221,7 @@ class CameraOptics(Section):
 
 
 class Scenario(Section):
-    """Everything that a simulated world is drawn from, besides the terrain and the seed."""
+    """All parameters of a simulated world, besides the terrain and the seed."""
 
     place: Place = Place()
     vehicle: Vehicle = Vehicle()
@@ -247,12 +245,12 @@ def load_scenario(path: Path | None) -> Scenario:
 
 
 def read_toml(path: Path, model: type[Model], example: str) -> Model:
-    """Read a TOML file that says what ``model`` does; ``example`` names a file that does it right.
+    """Read a TOML file into ``model``; ``example`` names a correct file for errors.
 
     Raises:
         SimulationError: the file cannot be read, is no TOML, or has a key or value that the model does not have.
     """
-    from sim.documents import toml_file  # of the commands; who makes a world with ``Scenario`` does without
+    from sim.documents import toml_file  # of the commands only; ``Scenario`` does not need it
 
     content = toml_file("scenario", path)
     try:

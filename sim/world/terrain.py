@@ -68,10 +68,10 @@ class Terrain:
     def row_col(
         self, lon_deg: NDArray[np.float64] | float, lat_deg: NDArray[np.float64] | float
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Lattice position of WGS84 longitudes, by whatever whole turns they are off, and latitudes."""
+        """Lattice position of WGS84 longitudes (in any 360 degree range) and latitudes."""
         lon = np.remainder(np.asarray(lon_deg, np.float64) + 180.0, 360.0) - 180.0
         x, y = self._from_wgs84.transform(lon, lat_deg)
-        if (turn := _once_around(self.crs)) is not None:
+        if (turn := _x_period(self.crs)) is not None:
             middle = self.transform.c + self.transform.a * (self.height_m.shape[1] - 1) / 2.0
             x = x - turn * np.round((x - middle) / turn)
         col, row = _apply(~self.transform, np.asarray(x), np.asarray(y))
@@ -136,7 +136,7 @@ def _read_tile(path: Path) -> tuple[NDArray[np.float32], Affine, CRS]:
     packed = re.match(r"(?:/vsi(?:zip|gzip|tar)/)+", name)
     inner = Path(name[packed.end() - 1 :]) if packed else None
     if packed and inner and any(folder.is_file() for folder in (inner, *inner.parents)):
-        name = name[: packed.end()] + str(inner)  # absolute: a Path has lost the second slash
+        name = name[: packed.end()] + str(inner)  # absolute: Path removes the second slash
     try:
         with rasterio.open(name) as dataset:
             if dataset.crs is None:
@@ -162,7 +162,7 @@ def _read_tile(path: Path) -> tuple[NDArray[np.float32], Affine, CRS]:
 
 
 def _elevations_m(path: Path, dataset: rasterio.DatasetReader) -> NDArray[np.float64]:
-    """The one band in metres, voids NaN: masked, transparent, and what no land is as high or as low as."""
+    """The band in metres, voids NaN: masked, transparent, and values outside the range of land."""
     bands = [i for i in dataset.indexes if dataset.colorinterp[i - 1] != ColorInterp.alpha]
     if len(bands) != 1:
         raise SimulationError(f"DEM {path}: holds {len(bands)} bands; name a file with the elevations alone")
@@ -197,7 +197,7 @@ def _mosaic(
     """Paste the tiles onto the first one's lattice, extended to hold them all."""
     _, transform, crs = tiles[0]
     corners = []
-    tiles = [_beside(tiles[0], tile) for tile in tiles]
+    tiles = [_shifted_next_to(tiles[0], tile) for tile in tiles]
     for path, (height_m, tile_transform, tile_crs) in zip(paths, tiles, strict=True):
         col, row = _apply(~transform, np.asarray(tile_transform.c), np.asarray(tile_transform.f))
         corner = np.array([round(float(row)), round(float(col))])
@@ -223,20 +223,22 @@ def _mosaic(
     return whole, transform @ Affine.translation(float(north_west[1]), float(north_west[0])), crs
 
 
-def _beside(
+def _shifted_next_to(
     first: tuple[NDArray[np.float32], Affine, CRS], tile: tuple[NDArray[np.float32], Affine, CRS]
 ) -> tuple[NDArray[np.float32], Affine, CRS]:
-    """A tile with its x by whole turns around the Earth as near to the first one's as can be: both sides of the date line."""
+    """A tile with its x shifted by multiples of 360 degrees to be closest to the first one, for both sides of the date
+    line.
+    """
     height_m, transform, crs = tile
-    turn = _once_around(crs)
+    turn = _x_period(crs)
     if turn is None:
         return tile
     middle, first_middle = (t[1].c + t[1].a * t[0].shape[1] / 2.0 for t in (tile, first))
     return height_m, Affine.translation(turn * round((first_middle - middle) / turn), 0.0) @ transform, crs
 
 
-def _once_around(crs: CRS) -> float | None:
-    """By how much x grows once around the Earth, where the CRS is geographic or a map on an upright cylinder; else None."""
+def _x_period(crs: CRS) -> float | None:
+    """The x period of 360 degrees of longitude, if the CRS is geographic or a normal cylindrical projection; else None."""
     unit = crs.axis_info[0].unit_conversion_factor
     if crs.is_geographic:
         return float(2.0 * np.pi / unit) if crs.axis_info[0].unit_name != "degree" else 360.0
@@ -261,7 +263,7 @@ def _is_metric(crs: CRS) -> bool:
 
 
 def _utm_of(lon_deg: float, lat_deg: float) -> CRS:
-    """With the grid's exceptions around Norway and Svalbard, and Universal Polar Stereographic nearer the poles."""
+    """The UTM zone, with the exceptions around Norway and Svalbard, and Universal Polar Stereographic near the poles."""
     if lat_deg > 84.0 or lat_deg < -80.0:
         return CRS.from_epsg(5041 if lat_deg > 0.0 else 5042)
     zone = int((lon_deg + 180.0) // 6.0) % 60 + 1

@@ -14,8 +14,8 @@ from typing import Any
 import pytest
 from fakes.simulated import Quick, open_descriptors, quick_rig, threads, world
 
-import rig.capture.capture
-import rig.capture.standing
+import rig.capture.base_attitude
+import rig.capture.sequence
 from localizer.bundle import load_bundle
 from localizer.errors import SkyfixError
 from rig.attitude.kinematics import wrapped_deg
@@ -39,15 +39,15 @@ TRIGGERS: dict[str, tuple[Any, str, int]] = {
     "servo-bus": (PanTilt, "wait_settled", 2),
     "pan": (PanTilt, "wait_settled", 2),
     "tilt": (PanTilt, "wait_settled", 2),
-    "inclinometer": (rig.capture.standing, "still_level", 2),
-    "compass": (rig.capture.standing, "still_level", 2),
-    "altimeter": (rig.capture.capture, "_altitude", 1),
-    "camera": (rig.capture.capture, "take_pictures", 2),
-    "clock": (rig.capture.capture, "take_pictures", 2),
+    "inclinometer": (rig.capture.base_attitude, "still_level", 2),
+    "compass": (rig.capture.base_attitude, "still_level", 2),
+    "altimeter": (rig.capture.sequence, "_altitude", 1),
+    "camera": (rig.capture.sequence, "take_pictures", 2),
+    "clock": (rig.capture.sequence, "take_pictures", 2),
 }
 """Which call of which function of the rig the fault begins at."""
 
-BEFORE_THE_HEAD_TURNS = (rig.capture.capture, "look", 2)
+BEFORE_THE_HEAD_TURNS = (rig.capture.sequence, "look", 2)
 OLD_PICTURES = ("frozen", "stale")
 SMALLER = {"width_px": 80, "height_px": 60}
 PARAMETERS: dict[str, dict[str, float]] = {

@@ -14,9 +14,9 @@ import pytest
 from fakes.simulated import quick_rig, world
 
 from localizer.bundle import load_bundle
-from rig.bundle.facts import bundles_in
+from rig.bundle.summary import bundles_in
 from rig.series.journal import load_series
-from rig.telemetry.reading import TelemetryFile, TelemetryReadError
+from rig.telemetry.reader import TelemetryFile, TelemetryReadError
 
 BUNDLES = 8
 KILLS = 5

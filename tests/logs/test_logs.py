@@ -16,9 +16,10 @@ from rig.config.model import RigConfig
 from rig.devices.bus.retry import retry
 from rig.devices.connect import open_altimeter, open_compass, open_inclinometer, open_pan_tilt
 from rig.devices.readings import FieldReading
-from rig.devices.sensors.reviving import Sensor
+from rig.devices.sensors.reconnecting import Sensor
 from sim.errors import SimulationError
-from sim.replay.replay import load_log, replayed
+from sim.replay.log_file import load_log
+from sim.replay.playback import replayed
 
 LOGS = sorted(Path(__file__).parent.glob("*.log"))
 FIRST = 2
@@ -69,7 +70,7 @@ def rounded(value: Any) -> Any:
 @pytest.mark.parametrize("log", LOGS, ids=lambda log: log.stem)
 def test_a_log_gives_the_readings_that_are_stored_with_it(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for driver in AVERAGED:
-        monkeypatch.setattr(f"rig.devices.sensors.{driver}.LEAST_READINGS", 1)
+        monkeypatch.setattr(f"rig.devices.sensors.{driver}.MIN_READINGS", 1)
     with replayed(log) as config_path:
         found = rounded(readings(load_config(config_path)))
     expected = log.with_suffix(".json")

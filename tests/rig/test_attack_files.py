@@ -28,28 +28,28 @@ from localizer.errors import SkyfixError
 from localizer.track.tracker import TrackerError
 from rig.bundle.writer import BundleWriteError, FrameRecord, Measurement, write_bundle
 from rig.calibrate.camera.procedure import views_from_files
-from rig.calibrate.camera.target import parse_board
+from rig.calibrate.camera.target import parse_target
+from rig.calibrate.config_edit import name_in_config
 from rig.calibrate.inclinometer.temperature import read_drift
-from rig.calibrate.naming import name_in_config
 from rig.clock import utc_now
 from rig.commands.cli import rig
 from rig.config.calibration_files import CalibrationError, read_calibration
 from rig.config.load import load_config
-from rig.config.run import control_in_bad
-from rig.daemon.http.guard import read_token
+from rig.config.run import control_socket_of_invalid_config
+from rig.daemon.http.access_control import read_token
 from rig.daemon.spool.index import stored_leg
-from rig.daemon.spool.spool import Spool
+from rig.daemon.spool.store import Spool
 from rig.errors import ConfigError
 from rig.series.journal import SeriesError, held, load_series
-from rig.telemetry import reading
-from rig.telemetry.reading import TelemetryFile, TelemetryReadError, mend
+from rig.telemetry import reader
+from rig.telemetry.reader import TelemetryFile, TelemetryReadError, mend
 from sim.commands.cli import sim
 from sim.commands.options import EMBEDDED_DEM
 from sim.errors import SimulationError
 from sim.evaluate.photos.source import read_json
 from sim.evaluate.scenario import load_evaluation_scenario
 from sim.faults.script import load_faults
-from sim.replay.replay import load_log
+from sim.replay.log_file import load_log
 from sim.world.scenario import load_scenario
 
 EXAMPLE = Path(__file__).parents[2] / "configs" / "vehicle.toml"
@@ -94,7 +94,7 @@ def test_every_reader_of_toml_refuses_it_in_one_line(tmp_path: Path, reader: str
     assert time.monotonic() - begun < 1.0
     assert str(file) in str(refusal.value)
     assert len(str(refusal.value)) < 600
-    assert control_in_bad(file) is None
+    assert control_socket_of_invalid_config(file) is None
 
 
 @pytest.mark.parametrize("reader", JSON_READERS)
@@ -146,7 +146,7 @@ def test_a_byte_order_mark_before_each_toml(tmp_path: Path) -> None:
     file = tmp_path / "vehicle.toml"
     file.write_bytes(BOM + EXAMPLE.read_bytes())
     assert load_config(file).pan_tilt == load_config(EXAMPLE).pan_tilt
-    assert control_in_bad(file) == tmp_path / "spool" / "control.sock"
+    assert control_socket_of_invalid_config(file) == tmp_path / "spool" / "control.sock"
     name_in_config(file, "camera", tmp_path / "calibration" / "camera.json")
     assert 'camera = "calibration/camera.json"' in file.read_text(encoding="utf-8")
     (tmp_path / "x.toml").write_bytes(BOM + b'[[fault]]\nat = 1\ndevice = "compass"\nfault = "nack"\n')
@@ -329,7 +329,7 @@ def test_a_chunk_of_telemetry_that_unpacks_to_too_much_is_not_unpacked(
     path = telemetry(tmp_path / "x.mcap", compression, 30_000_000)
     assert path.stat().st_size < 500_000
     assert [len(logged.message.data) for logged in TelemetryFile(path)] == [30_000_000]
-    monkeypatch.setattr(reading, "MOST_RECORD_BYTES", 10_000_000)
+    monkeypatch.setattr(reader, "MAX_RECORD_BYTES", 10_000_000)
     with pytest.raises(TelemetryReadError, match="no MCAP file"):
         list(TelemetryFile(path))
 
@@ -355,7 +355,7 @@ def test_telemetry_of_other_bytes_is_read_as_far_as_it_goes(
 
 def test_lz4_that_never_ends_is_cut_off() -> None:
     with pytest.raises(ValueError, match="a chunk of more than"):
-        reading._unpacked("lz4", lz4.frame.compress(bytes(70_000_000)))
+        reader._unpacked("lz4", lz4.frame.compress(bytes(70_000_000)))
 
 
 # ---- pictures
@@ -426,7 +426,7 @@ def test_texts_in_a_picture_that_unpack_to_gigabytes_are_not_kept(tmp_path: Path
 
 def test_a_picture_for_a_calibration_is_looked_at_before_it_is_unpacked(tmp_path: Path) -> None:
     (tmp_path / "x.png").write_bytes(png_of(30_000, 30_000))
-    board = parse_board("chessboard:7x5:30")
+    board = parse_target("chessboard:7x5:30")
     with pytest.raises(CalibrationError, match=r"x\.png"):
         views_from_files(board, str(tmp_path / "x.png"), (640, 480))
 
@@ -497,7 +497,7 @@ def test_bundles_whose_extra_fields_make_no_sense_are_listed_and_shown(
 
 
 @pytest.mark.parametrize("label", ["../../../evil", "/evil", "a/b", "..", ".hidden", "C:x", "N"])
-def test_a_bundle_derived_anew_puts_no_picture_elsewhere_whatever_its_label(
+def test_a_recalibrated_bundle_puts_no_picture_elsewhere_whatever_its_label(
     tmp_path: Path, label: str
 ) -> None:
     image, out = np.zeros((48, 64, 3), np.uint8), tmp_path / "field" / "bundles"

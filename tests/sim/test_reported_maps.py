@@ -44,7 +44,7 @@ def test_both_programs_agree_on_every_place_and_on_its_metres(skyfix_data: Path,
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", MODELS)
-def test_a_fix_there_is_told_in_metres_of_the_ground(skyfix_data: Path, name: str, tmp_path: Path) -> None:
+def test_a_fix_there_is_in_metres_of_the_ground(skyfix_data: Path, name: str, tmp_path: Path) -> None:
     dems = [word for file in files_of(skyfix_data, name) for word in ("--dem", str(file))]
     done = subprocess.run(
         [find_command("sim"), "demo", *dems, "--seed", "3", "--out", str(tmp_path), "--json"],

@@ -11,7 +11,7 @@ from fakes.gpsd import no_position, position, reports_of, time_of
 
 from rig.config.run import NmeaOutput
 from rig.daemon.publish.nmea import publishing
-from rig.daemon.state import Board
+from rig.daemon.state import DaemonState
 
 pytestmark = pytest.mark.system
 
@@ -25,16 +25,18 @@ def a_fix(bundle="a"):
 
 
 @contextmanager
-def published_over(way, board):
+def published_over(way, daemon_state):
     """Yields the source that gpsd is given."""
     if way == "tcp":
-        with publishing(NmeaOutput(tcp="127.0.0.1:0", every_s=0.5, valid_s=1000.0), board) as publisher:
+        with publishing(
+            NmeaOutput(tcp="127.0.0.1:0", every_s=0.5, valid_s=1000.0), daemon_state
+        ) as publisher:
             yield "tcp://{}:{}".format(*publisher.tcp)
     else:
         with closing(socket.socket(type=socket.SOCK_DGRAM)) as free:
             free.bind(("127.0.0.1", 0))
             address = f"127.0.0.1:{free.getsockname()[1]}"
-        with publishing(NmeaOutput(tcp=None, udp=(address,), every_s=0.5, valid_s=1000.0), board):
+        with publishing(NmeaOutput(tcp=None, udp=(address,), every_s=0.5, valid_s=1000.0), daemon_state):
             yield f"udp://{address}"
 
 
@@ -48,12 +50,12 @@ def modes(reports, seconds):
 @pytest.mark.parametrize("way", ["tcp", "udp"])
 @pytest.mark.parametrize("begins", ["before", "during", "again", "after"])
 def test_gpsd_reports_what_holds_however_it_came_to_listen(program, way, begins):
-    board = Board()
+    daemon_state = DaemonState()
     if begins != "before":
-        board.set_answer(a_fix())
+        daemon_state.set_answer(a_fix())
     if begins == "after":
-        board.set_moving()
-    with published_over(way, board) as source:
+        daemon_state.set_moving()
+    with published_over(way, daemon_state) as source:
         if begins == "again":
             with reports_of(program, source) as reports:
                 reports.until(position)
@@ -64,7 +66,7 @@ def test_gpsd_reports_what_holds_however_it_came_to_listen(program, way, begins)
                 return
             if begins == "before":
                 reports.until(no_position)
-                board.set_answer(a_fix())
+                daemon_state.set_answer(a_fix())
             tpv = reports.until(lambda report: position(report) and report["mode"] == 3)
             assert (tpv["lat"], tpv["lon"]) == pytest.approx((46.199, -122.192), abs=2e-7)
             reports.until(position)
@@ -77,17 +79,17 @@ def test_gpsd_reports_what_holds_however_it_came_to_listen(program, way, begins)
             assert [r["mode"] for _, r in reports.all if r["class"] == "TPV"].count(1) <= UNSETTLED + (
                 begins == "before"
             ) * 10
-            board.set_moving()
+            daemon_state.set_moving()
             reports.until(no_position)
             assert set(modes(reports, 3.0)) == {1}
 
 
 def test_a_later_fix_is_reported_as_steadily_as_the_first(program):
-    board = Board()
-    board.set_answer(a_fix())
-    with published_over("udp", board) as source, reports_of(program, source) as reports:
+    daemon_state = DaemonState()
+    daemon_state.set_answer(a_fix())
+    with published_over("udp", daemon_state) as source, reports_of(program, source) as reports:
         first = reports.until(lambda report: position(report) and report["mode"] == 3)
-        board.set_answer(an_answer("b", age_s=2.0, utc=datetime.now(UTC) - timedelta(seconds=2)))
+        daemon_state.set_answer(an_answer("b", age_s=2.0, utc=datetime.now(UTC) - timedelta(seconds=2)))
         later = reports.until(lambda report: position(report) and time_of(report) > time_of(first))
         assert later["mode"] == 3
         reports.until(position)

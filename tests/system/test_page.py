@@ -20,8 +20,8 @@ from localizer.track.tracker import Tracker
 from rig.config.run import HttpServer
 from rig.daemon.http import serving
 from rig.daemon.search.skylines import FILE_NAME, BundleSkylines, FrameSkylines
-from rig.daemon.spool.spool import Spool
-from rig.daemon.state import Board
+from rig.daemon.spool.store import Spool
+from rig.daemon.state import DaemonState
 from sim.commands.options import EMBEDDED_DEM
 from sim.launch.launcher import simulated_rig
 from sim.world.scenario import load_scenario
@@ -46,17 +46,21 @@ class Rig:
     """A daemon's board and spool, and the server over them, which can be stopped and started again."""
 
     def __init__(self, folder: Path) -> None:
-        self.spool, self.board, self.actions = Spool(folder / "spool", 100), Board(), ScriptedActions()
+        self.spool, self.daemon_state, self.actions = (
+            Spool(folder / "spool", 100),
+            DaemonState(),
+            ScriptedActions(),
+        )
         self._token = folder / "token"
         self._token.write_text(TOKEN)
         self._token.chmod(0o600)
-        self.board.set_activity("idle")
-        self.board.set_device("camera", "ok", "camera 64 x 48 px")
+        self.daemon_state.set_activity("idle")
+        self.daemon_state.set_device("camera", "ok", "camera 64 x 48 px")
 
     @contextmanager
     def serving(self, listen: str = "127.0.0.1:0") -> Iterator[str]:
         section = HttpServer(listen=listen, token_file=self._token, valid_s=3600.0)
-        with serving(section, self.board, self.actions, self.spool, [EMBEDDED_DEM]) as url:
+        with serving(section, self.daemon_state, self.actions, self.spool, [EMBEDDED_DEM]) as url:
             yield url
 
     def answered(self, number: int, status: Status, age_s: float) -> None:
@@ -72,7 +76,7 @@ class Rig:
         (folder / FILE_NAME).write_text(BundleSkylines(bundle=answer.bundle, frames=frames).model_dump_json())
         self.spool.reconcile()
         self.spool.set_answer(answer, Tracker())
-        self.board.set_answer(answer)
+        self.daemon_state.set_answer(answer)
 
 
 @pytest.fixture
@@ -103,7 +107,7 @@ def smallest_type_px(page: Page) -> float:
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_each_status_looks_like_itself_and_an_old_fix_never_like_a_current_one(
+def test_each_status_is_distinct_and_an_old_fix_never_looks_current(
     rig: Rig, window: Callable[[str], object], tmp_path: Path, size: str
 ) -> None:
     with rig.serving() as url, window(size) as page:  # type: ignore[attr-defined]
@@ -153,7 +157,7 @@ def test_each_status_looks_like_itself_and_an_old_fix_never_like_a_current_one(
         assert page.complaints() == []
 
 
-def test_a_fix_grows_old_before_the_eyes(rig: Rig, window: Callable[[str], object]) -> None:
+def test_the_age_of_a_fix_is_updated_live(rig: Rig, window: Callable[[str], object]) -> None:
     with rig.serving() as url, window("phone") as page:  # type: ignore[attr-defined]
         rig.answered(1, "fix", 3590.0)
         page.open(url)
@@ -178,7 +182,7 @@ def test_without_a_connection_nothing_looks_current_until_it_is_back(
         with rig.serving(url.removeprefix("http://")):
             page.until(lambda: page.does("document.getElementById('offline').hidden"), "online again")
             page.until(lambda: looks(page) == "fix", "a fix again")
-            rig.board.set_device("camera", "failing", "no picture within 2 s; look at its cable")
+            rig.daemon_state.set_device("camera", "failing", "no picture within 2 s; look at its cable")
             page.until_says("log", "no picture within 2 s")
             page.until_says("devices", "failing")
 
@@ -187,8 +191,8 @@ def test_what_the_rig_says_is_never_taken_for_markup(rig: Rig, window: Callable[
     evil = "<img src=x onerror=\"document.title='owned'\"><script>document.title='owned'</script>"
     with rig.serving() as url, window("desktop") as page:  # type: ignore[attr-defined]
         page.open(url)
-        rig.board.set_device("camera", "failing", evil)
-        rig.board.tell("capture", stage="failed", reason=evil)
+        rig.daemon_state.set_device("camera", "failing", evil)
+        rig.daemon_state.emit("capture", stage="failed", reason=evil)
         page.until_says("devices", "<script>")
         page.until_says("log", "<script>")
         assert page.does("document.querySelectorAll('#log img, #devices img').length") == 0

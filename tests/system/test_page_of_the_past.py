@@ -16,9 +16,9 @@ from localizer.dem.ground import map_metres
 from localizer.track.tracker import Tracker
 from rig.config.run import HttpServer
 from rig.daemon.http import serving
-from rig.daemon.search.loop import restore
-from rig.daemon.spool.spool import Spool
-from rig.daemon.state import Answer, Board
+from rig.daemon.search.answers import restore
+from rig.daemon.spool.store import Spool
+from rig.daemon.state import Answer, DaemonState
 from sim.commands.options import EMBEDDED_DEM
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(900)]
@@ -45,11 +45,11 @@ def test_after_a_restart_the_last_fix_is_shown_as_old_with_the_track(page: Page,
     with Spool(tmp_path / "spool", 100) as spool:
         for number in (1, 2, 3):
             store(spool, answer_of(bundle_id(number), "fix", 400.0 - 100.0 * number, east_m=200.0 * number))
-        board = Board()
-        restore(board, spool)
-        board.set_activity("idle")
+        daemon_state = DaemonState()
+        restore(daemon_state, spool)
+        daemon_state.set_activity("idle")
         section = HttpServer(listen="127.0.0.1:0", valid_s=3600.0)
-        with serving(section, board, ScriptedActions(), spool, [EMBEDDED_DEM]) as url:
+        with serving(section, daemon_state, ScriptedActions(), spool, [EMBEDDED_DEM]) as url:
             page.open(url)
             page.until(lambda: page.text("verdict") == "OLD FIX", "an old fix")
             assert page.does("document.getElementById('answer').className") == "old"  # striped
@@ -60,7 +60,7 @@ def test_after_a_restart_the_last_fix_is_shown_as_old_with_the_track(page: Page,
             page.until(lambda: count(page, "#over .past .star") == 1, "a hollow star")
             assert count(page, "#over .now") == 0
 
-            board.set_answer(answer_of(bundle_id(4), "none", 1.0))
+            daemon_state.set_answer(answer_of(bundle_id(4), "none", 1.0))
             page.until(lambda: page.text("verdict") == "NO FIX", "an answer of this run")
             assert "The last fix is" in page.text("meaning")
             # these bundles have no skylines beside them
@@ -93,12 +93,12 @@ def test_an_ellipse_and_the_scale_bar_are_of_the_ground(page: Page, tmp_path: Pa
     fix = answer.fix.model_copy(
         update={"position": place, "covariance_m2": ((900.0, 0.0), (0.0, 400.0)), "candidates": (candidate,)}
     )
-    board = Board()
-    board.set_answer(dataclasses.replace(answer, fix=fix))
+    daemon_state = DaemonState()
+    daemon_state.set_answer(dataclasses.replace(answer, fix=fix))
     section = HttpServer(listen="127.0.0.1:0", valid_s=3600.0)
     with (
         Spool(tmp_path / "spool", 100) as spool,
-        serving(section, board, ScriptedActions(), spool, [dem]) as url,
+        serving(section, daemon_state, ScriptedActions(), spool, [dem]) as url,
     ):
         page.open(url)
         page.until(lambda: count(page, "#over .now .ellipse") == 1, "an ellipse")

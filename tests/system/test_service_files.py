@@ -14,7 +14,7 @@ pytestmark = pytest.mark.system
 
 Program = Callable[[str], Path]
 PROJECT = Path(__file__).parents[2]
-MOST_EXPOSED = 2.0
+MAX_EXPOSED = 2.0
 """systemd's own scale, 0 to 10."""
 
 
@@ -47,7 +47,7 @@ def test_systemd_understands_every_line_of_the_unit(installed: Path, program: Pr
         ("Type=notfy", "Failed to parse service type"),
     ],
 )
-def test_a_line_that_it_does_not_understand_would_be_told(
+def test_an_unknown_line_would_be_reported(
     installed: Path, program: Program, tmp_path: Path, line: str, said: str
 ) -> None:
     changed = tmp_path / "skyfix.service"
@@ -56,7 +56,7 @@ def test_a_line_that_it_does_not_understand_would_be_told(
 
 
 def test_the_sandbox_leaves_little_open(installed: Path, program: Program) -> None:
-    threshold = f"--threshold={MOST_EXPOSED * 10:.0f}"
+    threshold = f"--threshold={MAX_EXPOSED * 10:.0f}"
     done = run(program("systemd-analyze"), "security", "--offline=true", threshold, unit(installed))
     assert done.returncode == 0, done.stdout
     assert done.stderr == ""

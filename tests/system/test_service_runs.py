@@ -40,13 +40,13 @@ ExecStart=/opt/skyfix/bin/sim run --seed 3 -- sh -ec '\\
 HANGING = """
 import pathlib, time
 from rig.commands import cli
-from rig.daemon import device_watch, session
-def probe(self, name, device, probe=device_watch.DeviceWatch._probe):
+from rig.daemon import device_monitor, runtime
+def probe(self, name, device, probe=device_monitor.DeviceMonitor._probe):
     while pathlib.Path("/run/skyfix/hang").exists():
         time.sleep(0.1)
     probe(self, name, device)
-device_watch.DeviceWatch._probe = probe
-session.SLOW_BEAT_S = 10.0
+device_monitor.DeviceMonitor._probe = probe
+runtime.SLOW_BEAT_S = 10.0
 cli.main()
 """
 
@@ -137,7 +137,7 @@ def test_reload_takes_a_good_configuration_and_refuses_a_bad_one(machine: Booted
     machine.until("active (running), 0 restarts", RIG, "service", "status")
 
 
-def test_it_starts_anew_after_a_crash_and_keeps_what_it_had(machine: Booted) -> None:
+def test_it_restarts_after_a_crash_and_keeps_its_state(machine: Booted) -> None:
     machine.run("systemctl", "kill", "--kill-whom=main", "--signal=SIGKILL", "skyfix")
     machine.until("active (running), 1 restarts", RIG, "service", "status")
     status = json.loads(machine.until('"degraded": false', RIG, "status", "--config", CONFIG, "--json"))

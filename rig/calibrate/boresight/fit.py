@@ -1,8 +1,8 @@
-"""How the camera sits against head and sensors, from the skyline that a DEM has at a known place.
+"""Fit of the boresight: the camera's mounting in the head, from the DEM's skyline at a known place.
 
-Unknown are the camera's azimuth, tilt and roll in the head and an error of the heading. Beside them, as well as they are known
-beforehand: where exactly the camera stood, the azimuth's error at each stop of the pan and each frame's own of tilt. Camera
-azimuth and heading are told apart by frames of one ridge at several tilts; their sum is measured best.
+Unknowns: azimuth, tilt and roll of the camera in the head, and the heading offset. Nuisance parameters with priors: the
+camera's position, the azimuth error of each pan stop and the tilt error of each frame. Camera azimuth and heading
+offset are separated by frames of one ridge at several tilts; their sum is determined best.
 """
 
 from collections.abc import Callable, Sequence
@@ -12,18 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.attitude.kinematics import Attitude, wrapped_deg
+from rig.calibrate.boresight.coarse_alignment import align_coarsely
+from rig.calibrate.boresight.dem_error_model import covariance_deg2, fit_dem_error_model
 from rig.calibrate.boresight.horizon_profile import HorizonProfile
 from rig.calibrate.boresight.known_place import PlaceSigmas
-from rig.calibrate.boresight.ridge_errors import covariance_deg2, ridge_errors
-from rig.calibrate.boresight.search import search_turn
 from rig.calibrate.boresight.skyline_frame import Points, SkylineFrame
-from rig.calibrate.solve import Solved, solve
+from rig.calibrate.least_squares import Solved, solve
 from rig.config.calibration_files import CalibrationError
 
 Vector = NDArray[np.float64]
 
-LEAST_FRAMES = 3
-LEAST_SHARE = 0.25
+MIN_FRAMES = 3
+MIN_SHARE = 0.25
 MISFIT_LIMIT_DEG = 0.2
 MISFIT_SIGMAS = 3.0
 DEM_FACTOR_LIMIT = 5.0
@@ -34,16 +34,18 @@ MAD_TO_SIGMA = 1.4826
 ROUNDS = 12
 STANDS_DEG = 1e-4
 TRACED_SIGMA_DEG = 0.01
-"""A tenth of a pixel by which a bright sky makes every skyline look lower or higher: no number of points averages that away."""
+"""Systematic error of the traced skyline: a bright sky shifts it by a tenth of a pixel, which averaging over points
+does not reduce.
+"""
 
 
 @dataclass(frozen=True)
 class BoresightFit:
-    """The camera in the head, and by how much headings have to be corrected.
+    """Camera mounting in the head, and correction of headings.
 
-    ``covariance_deg2`` (3, 3) is of the sum of these two azimuths, of tilt and of roll. ``off_m`` is east, north, up of the
-    place given. ``dem_factor`` is how much worse the DEM is than told. Per point: its frame's number, azimuth and elevation as
-    seen, and what is left after the fit, degrees.
+    ``covariance_deg2`` (3, 3) is of the sum of these two azimuths, of tilt and of roll. ``off_m`` is east, north, up of
+    the fitted position from the given one. ``dem_factor`` is the actual DEM error over the stated one. Per point: frame
+    number, observed azimuth and elevation, and residual, degrees.
     """
 
     boresight: Attitude
@@ -66,15 +68,15 @@ def fit_boresight(
     heading_sigma_deg: float,
     place: PlaceSigmas,
 ) -> BoresightFit:
-    """Fit. ``CalibrationError`` where the skyline is hidden, or is not the one that the DEM has there."""
+    """Fit. ``CalibrationError`` if the skyline is hidden, or does not match the DEM's."""
     _require_skyline(frames)
     search_deg = min(max(4.0 * heading_sigma_deg, 40.0), 180.0)
-    shift_deg, tilt_deg, roll_deg = search_turn(Points(frames), profile, start, search_deg)
+    shift_deg, tilt_deg, roll_deg = align_coarsely(Points(frames), profile, start, search_deg)
     frames = _where_the_dem_knows(frames, profile, start, shift_deg)
     points = Points(frames)
     stops = max(frame.stop for frame in frames) + 1
     boresight = np.array([start.azimuth_deg, start.tilt_deg, start.roll_deg])
-    # A large turn is the camera's as far as a camera can be turned in its head, the rest the heading's.
+    # A large rotation is attributed to the camera up to the range of its prior, the rest to the heading.
     of_camera_deg = shift_deg if abs(shift_deg) < 40.0 else 0.0
     own = np.zeros(stops + len(frames))
     first = np.concatenate(
@@ -100,7 +102,8 @@ def fit_boresight(
         azimuth, elevation = points.seen(Attitude(*unknowns[:3].tolist()), turns_deg)
         elevation = elevation + unknowns[7 + stops :][points.frame]
         horizon, slope, sigma = profile.at(azimuth, unknowns[4:7], place.dem_m)
-        # Across the skyline: on a steep flank a small turn makes a large difference of heights.
+        # Measured across the skyline: on a steep flank a small rotation makes a large difference in
+        # elevation.
         across = np.sqrt(1.0 + (slope / np.cos(np.radians(elevation))) ** 2)
         return _Left(azimuth, elevation, (elevation - horizon) / across, sigma / across)
 
@@ -144,7 +147,7 @@ def fit_boresight(
 
 @dataclass(frozen=True)
 class _Left:
-    """Per point: azimuth and elevation as seen, what is left across the skyline, and the DEM's sigma there, degrees."""
+    """Per point: observed azimuth and elevation, residual across the skyline, and the DEM's sigma there, degrees."""
 
     azimuth_deg: Vector
     elevation_deg: Vector
@@ -159,12 +162,12 @@ def _together(
     profile: HorizonProfile,
     start: Vector,
 ) -> tuple[Solved, float]:
-    """The fit with each point's weight beside others of the same ridge, and the DEM's factor; from one that is close."""
+    """The fit with correlated weights for points of the same ridge, and the DEM's error factor, from a close start."""
     unknowns = start
     for _ in range(ROUNDS):
         at = left(unknowns)
         alike = covariance_deg2(at.dem_deg, at.azimuth_deg, profile.distance(at.azimuth_deg))
-        errors = ridge_errors(at.left_deg, image_deg, at.dem_deg, alike)
+        errors = fit_dem_error_model(at.left_deg, image_deg, at.dem_deg, alike)
         whiten = errors.whiten
 
         def misfit(unknowns: Vector, whiten: Vector = whiten) -> Vector:
@@ -182,16 +185,16 @@ def _together(
 def _where_the_dem_knows(
     frames: Sequence[SkylineFrame], profile: HorizonProfile, start: Attitude, shift_deg: float
 ) -> list[SkylineFrame]:
-    """The frames without what they see where the DEM ends. ``CalibrationError`` where that leaves too little."""
+    """The frames without points where the skyline lies at the DEM's edge. ``CalibrationError`` if too little is left."""
     kept = []
     for frame in frames:
         azimuth, _ = Points([frame]).seen(start, np.full(len(frame.rays), shift_deg))
         known = ~profile.ends(azimuth)
         share = frame.share * float(known.mean()) if len(known) else 0.0
         kept.append(replace(frame, rays=frame.rays[known], sigma_deg=frame.sigma_deg[known], share=share))
-    clear = sum(frame.share >= LEAST_SHARE for frame in frames)
-    left = sum(frame.share >= LEAST_SHARE for frame in kept)
-    if left < LEAST_FRAMES:
+    clear = sum(frame.share >= MIN_SHARE for frame in frames)
+    left = sum(frame.share >= MIN_SHARE for frame in kept)
+    if left < MIN_FRAMES:
         raise CalibrationError(
             f"boresight: in {clear - left} of the {clear} frames that show a skyline it is where the DEM ends; take a larger"
         )
@@ -199,8 +202,8 @@ def _where_the_dem_knows(
 
 
 def _require_skyline(frames: Sequence[SkylineFrame]) -> None:
-    seeing = [frame for frame in frames if frame.share >= LEAST_SHARE]
-    if len(seeing) < LEAST_FRAMES:
+    seeing = [frame for frame in frames if frame.share >= MIN_SHARE]
+    if len(seeing) < MIN_FRAMES:
         shares = ", ".join(f"{frame.label} {frame.share:.0%}" for frame in frames)
         raise CalibrationError(
             f"boresight: the skyline shows in {len(seeing)} of {len(frames)} frames only ({shares} of the columns); "
@@ -209,7 +212,7 @@ def _require_skyline(frames: Sequence[SkylineFrame]) -> None:
 
 
 def _require_place(fit: BoresightFit, place: PlaceSigmas) -> None:
-    # Near ridges may be off by more than the limit and yet be as the DEM's error has them.
+    # Residuals of near ridges may exceed the limit and still agree with the DEM's error.
     unlike = fit.misfit_deg > MISFIT_LIMIT_DEG and fit.misfit_sigmas > 1.0
     if unlike or fit.misfit_sigmas > MISFIT_SIGMAS or fit.dem_factor > DEM_FACTOR_LIMIT:
         raise CalibrationError(

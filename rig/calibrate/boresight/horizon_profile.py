@@ -1,4 +1,4 @@
-"""The skyline that a DEM has around one place, and how it changes with a step aside or up."""
+"""The DEM's skyline around one place, and its derivatives by position."""
 
 from dataclasses import dataclass
 
@@ -15,16 +15,16 @@ Vector = NDArray[np.float64]
 
 STEP_DEG = 0.02
 ASIDE_M = 5.0
-NEAREST_M = 30.0  # nearer terrain is not known so well that it could be a mark
+NEAREST_M = 30.0  # nearer terrain is too inaccurate to be a reference
 OPEN_LIMIT = 0.5
 END_MARGIN_DEG = 1.0
 
 
 @dataclass(frozen=True)
 class HorizonProfile:
-    """Elevation and distance (m,) at azimuths in equal steps from north; derivatives (3, m) by metres east, north, up.
+    """Elevation and distance (m,) at equally spaced azimuths from north; derivatives (3, m) by metres east, north, up.
 
-    ``at_end`` (m,): whether the skyline lies where the DEM ends, and may be another.
+    ``at_end`` (m,): whether the skyline lies at the DEM's edge, so that the real one may be farther.
     """
 
     elevation_deg: Vector
@@ -37,16 +37,18 @@ class HorizonProfile:
         return self._between(self.elevation_deg, azimuth_deg)
 
     def distance(self, azimuth_deg: Vector) -> Vector:
-        """How far the ridge is (n,), metres, at any azimuths (n,)."""
+        """Distance of the ridge (n,), metres, at any azimuths (n,)."""
         return self._between(self.distance_m, azimuth_deg)
 
     def ends(self, azimuth_deg: Vector) -> NDArray[np.bool_]:
-        """Whether the DEM ends at the skyline (n,) near any azimuths."""
+        """Whether the skyline (n,) lies at the DEM's edge near these azimuths."""
         widened = maximum_filter1d(self.at_end, round(2.0 * END_MARGIN_DEG / STEP_DEG) + 1, mode="wrap")
         return np.asarray(self._between(widened.astype(float), azimuth_deg) > 0.0)
 
     def at(self, azimuth_deg: Vector, off_m: Vector, dem_sigma_m: float) -> tuple[Vector, Vector, Vector]:
-        """Elevation from a place off by (3,) metres, its slope along the azimuth, and its sigma by the DEM's heights."""
+        """Elevation from a position shifted by (3,) metres, its slope along azimuth, and its sigma from the DEM's
+        height error.
+        """
         profile = self.elevation_deg + off_m @ self.by_place
         slope = (np.roll(profile, -1) - np.roll(profile, 1)) / (2.0 * STEP_DEG)
         sigma = np.degrees(dem_sigma_m / np.maximum(self.distance_m, NEAREST_M))
@@ -65,7 +67,7 @@ class HorizonProfile:
 
 
 def horizon_profile(place: KnownPlace, altitude_m: float) -> HorizonProfile:
-    """The profile from the optical centre at ``altitude_m``. ``CalibrationError`` where the DEM ends before the skyline."""
+    """The profile seen from ``altitude_m``. ``CalibrationError`` if the DEM ends before the skyline."""
     terrain = prepare_terrain(place.dem)
     azimuths_deg = np.arange(0.0, 360.0, STEP_DEG)
     x, y = rowcol_to_metric(place.dem, place.row, place.col)
@@ -85,7 +87,7 @@ def horizon_profile(place: KnownPlace, altitude_m: float) -> HorizonProfile:
     up = -np.degrees(1.0 / seen_m) * np.cos(np.radians(elevation[0])) ** 2
     east = (elevation[1] - elevation[2]) / (2.0 * ASIDE_M)
     north = (elevation[3] - elevation[4]) / (2.0 * ASIDE_M)
-    # Where a step aside uncovers another ridge there is no derivative.
+    # No derivative where a step sideways reveals another ridge.
     limit = 4.0 * np.abs(up) + np.degrees(1.0 / seen_m)
     by_place = np.stack([np.clip(east, -limit, limit), np.clip(north, -limit, limit), up])
     return HorizonProfile(elevation[0], seen_m, by_place, at_end)

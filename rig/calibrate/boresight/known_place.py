@@ -1,4 +1,4 @@
-"""The known place that a calibration is made at."""
+"""The known place of a calibration, on a DEM."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +13,7 @@ from rig.config.calibration_files import CalibrationError
 
 @dataclass(frozen=True)
 class KnownPlace:
-    """A place on a DEM, WGS84, with its position in the DEM's lattice and the ground there."""
+    """A place in WGS84, with its lattice position in the DEM and the ground height there."""
 
     lat_deg: float
     lon_deg: float
@@ -25,7 +25,7 @@ class KnownPlace:
 
 @dataclass(frozen=True)
 class PlaceSigmas:
-    """How well the place is known: horizontally and in altitude, metres, and the heights of the DEM."""
+    """Sigmas of the place, horizontally and in altitude, and of the DEM's heights, metres."""
 
     horizontal_m: float
     altitude_m: float
@@ -33,7 +33,7 @@ class PlaceSigmas:
 
 
 def parse_place(text: str) -> tuple[float, float]:
-    """ "LAT,LON" in degrees, the longitude then -180 <= lon < 180. ``ValueError``, one sentence, where it is something else."""
+    """ "LAT,LON" in degrees, normalised to -180 <= lon < 180. ``ValueError``, one sentence, for anything else."""
     try:
         lat_deg, lon_deg = (float(part) for part in text.split(","))
     except ValueError:
@@ -48,7 +48,7 @@ def parse_place(text: str) -> tuple[float, float]:
 def known_place(
     lat_deg: float, lon_deg: float, dem_paths: tuple[Path, ...], option: str = "--at"
 ) -> KnownPlace:
-    """The place in the elevation model. ``CalibrationError`` where that does not cover it."""
+    """The place on the DEM. ``CalibrationError`` if the DEM does not cover it."""
     dem = load_dem(dem_paths)
     if not dem.shift.known:
         raise CalibrationError(

@@ -1,4 +1,4 @@
-"""Calibrate the boresight at a known place, or check there whether the calibration still holds."""
+"""Boresight calibration at a known place, and the check whether a calibration still holds."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -12,10 +12,10 @@ from rig.attitude.kinematics import Attitude, wrapped_deg
 from rig.calibrate.boresight.fit import BoresightFit, fit_boresight
 from rig.calibrate.boresight.horizon_profile import STEP_DEG, HorizonProfile, horizon_profile
 from rig.calibrate.boresight.known_place import KnownPlace, PlaceSigmas
-from rig.calibrate.boresight.skyline_look import head_attitude, look_round, require_unmoved
+from rig.calibrate.boresight.skyline_survey import head_attitude, require_unmoved, survey_skyline
 from rig.calibrate.figures import new_figure
-from rig.calibrate.result import Session
-from rig.capture.standing import measure_standing, standing_from
+from rig.calibrate.run import CalibrationRun
+from rig.capture.base_attitude import estimate_base, measure_base
 from rig.config.calibration_files import BoresightCalibration, Matrix
 from rig.config.directions import parse_direction
 from rig.config.model import RigConfig
@@ -26,12 +26,12 @@ Vector = NDArray[np.float64]
 HOLDS_SIGMAS = 3.0
 CHECK_DIRECTIONS = 8
 HARMLESS_DEG = (0.15, 0.03, 0.08)
-"""Differences that matter to nobody, whatever their sigmas say."""
+"""Differences below these (azimuth, tilt, roll) are accepted even if they are significant."""
 
 
 @dataclass(frozen=True)
 class Offset:
-    """How far one angle is from what the calibration says, its sigma, and whether that is as it should be."""
+    """Difference of one angle from the calibration, its sigma, and whether it is acceptable."""
 
     name: str
     off_deg: float
@@ -39,17 +39,17 @@ class Offset:
     holds: bool
 
 
-def calibrate_boresight(session: Session, place: KnownPlace, sigmas: PlaceSigmas, directions: int) -> None:
-    """Guide, measure, fit and write. ``CalibrationError`` with the reason where the result is not to be trusted."""
-    session.guide.ready("Park exactly at the known place, with a clear view of the ridges all round.")
-    fit, profile, device = measure_boresight(session.config, place, sigmas, directions, session.guide.say)
-    found, compass = fit.boresight, session.config.compass
-    # What was corrected already stays corrected.
+def calibrate_boresight(run: CalibrationRun, place: KnownPlace, sigmas: PlaceSigmas, directions: int) -> None:
+    """Guide the operator, measure, fit and write. ``CalibrationError`` says why a result is rejected."""
+    run.guide.ready("Park exactly at the known place, with a clear view of the ridges all round.")
+    fit, profile, device = measure_boresight(run.config, place, sigmas, directions, run.guide.say)
+    found, compass = fit.boresight, run.config.compass
+    # Added to the offset that is already configured.
     heading_offset_deg = (
         wrapped_deg(compass.heading_offset_deg + fit.heading_offset_deg) if compass is not None else None
     )
     document = BoresightCalibration(
-        **session.header("boresight", device),
+        **run.header("boresight", device),
         azimuth_deg=found.azimuth_deg,
         tilt_deg=found.tilt_deg,
         roll_deg=found.roll_deg,
@@ -76,7 +76,7 @@ def calibrate_boresight(session: Session, place: KnownPlace, sigmas: PlaceSigmas
         ("misfit, deg", f"{fit.misfit_deg:.3f}", f"{len(fit.residual_deg)} points"),
         ("DEM's ridges, m", "", f"{sigmas.dem_m * fit.dem_factor:.1f} as the skyline has it"),
     ]
-    session.finish(document, rows, draw(fit, profile))
+    run.finish(document, rows, draw(fit, profile))
 
 
 def measure_boresight(
@@ -86,17 +86,19 @@ def measure_boresight(
     directions: int,
     say: Callable[[str], None],
 ) -> tuple[BoresightFit, HorizonProfile, str]:
-    """Look all round and fit; also the DEM's skyline, and the camera's identity."""
+    """Survey the skyline and fit; returns also the DEM's skyline and the camera's identity."""
     profile = horizon_profile(place, place.ground_m + config.rig.mast_height_m)
     around = [parse_direction(str(i * 360.0 / directions)) for i in range(directions)]
     with connect(config) as rig:
-        standing = measure_standing(rig)
-        say(f"vehicle: heading {standing.attitude.azimuth_deg:.1f} +- {standing.heading.sigma_deg:.1f} deg")
-        frames, views = look_round(rig, standing, around, say)
-        after = measure_standing(rig)
+        base_estimate = measure_base(rig)
+        say(
+            f"vehicle: heading {base_estimate.attitude.azimuth_deg:.1f} +- {base_estimate.heading.sigma_deg:.1f} deg"
+        )
+        frames, views = survey_skyline(rig, base_estimate, around, say)
+        after = measure_base(rig)
         device = rig.camera.identify()
-    require_unmoved(standing, after)
-    whole = standing_from(config, [*standing.stops, *after.stops], standing.raw["compass"], views)
+    require_unmoved(base_estimate, after)
+    whole = estimate_base(config, [*base_estimate.stops, *after.stops], base_estimate.raw["compass"], views)
     frames = [
         replace(frame, head=head_attitude(whole, view)) for frame, view in zip(frames, views, strict=True)
     ]
@@ -110,7 +112,9 @@ def measure_boresight(
 
 
 def check_boresight(config: RigConfig, place: KnownPlace, sigmas: PlaceSigmas) -> list[Offset]:
-    """Look all round at a known place and compare. ``CalibrationError`` where the skyline cannot tell."""
+    """Survey the skyline at a known place and compare. ``CalibrationError`` if the skyline does not determine the
+    angles.
+    """
     fit, _, _ = measure_boresight(config, place, sigmas, CHECK_DIRECTIONS, lambda line: None)
     return offsets(
         config, fit, config.compass.azimuth_bias_sigma_deg if config.compass else NO_COMPASS_SIGMA_DEG
@@ -118,7 +122,7 @@ def check_boresight(config: RigConfig, place: KnownPlace, sigmas: PlaceSigmas) -
 
 
 def offsets(config: RigConfig, fit: BoresightFit, heading_sigma_deg: float) -> list[Offset]:
-    """What the skyline says against the calibration in force. The azimuth is allowed what the compass is trusted."""
+    """Differences between the skyline and the calibration in force. The compass's sigma is allowed for in azimuth."""
     camera = config.camera
     azimuth_deg = fit.boresight.azimuth_deg + fit.heading_offset_deg - camera.boresight_azimuth_deg
     off_deg = (
@@ -141,7 +145,7 @@ def offsets(config: RigConfig, fit: BoresightFit, heading_sigma_deg: float) -> l
 
 
 def draw(fit: BoresightFit, profile: HorizonProfile) -> Figure:
-    """The DEM's skyline with the points seen, and what is left."""
+    """The DEM's skyline with the observed points, and the residuals."""
     figure, (above, below) = new_figure(
         f"boresight: misfit {fit.misfit_deg:.3f} deg, {len(fit.residual_deg)} points", 2
     )

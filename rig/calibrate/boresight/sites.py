@@ -1,4 +1,6 @@
-"""Where to calibrate the boresight: places around that a vehicle can stand at, by how well their skyline tells the tilt."""
+"""Recommends places for the boresight calibration: drivable, ranked by how well their skyline determines azimuth and
+tilt.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,9 +12,9 @@ from pyproj import Geod
 from localizer.dem.geodesy import enu_to_metric_jacobian, metric_to_rowcol, rowcol_to_lonlat, rowcol_to_metric
 from localizer.dem.horizon import horizon, prepare_terrain
 from localizer.dem.lattice import Dem
+from rig.calibrate.boresight.dem_error_model import covariance_deg2
 from rig.calibrate.boresight.horizon_profile import NEAREST_M
 from rig.calibrate.boresight.known_place import KnownPlace, PlaceSigmas
-from rig.calibrate.boresight.ridge_errors import covariance_deg2
 from rig.config.calibration_files import CalibrationError
 
 Vector = NDArray[np.float64]
@@ -23,16 +25,16 @@ STEEPEST_DEG = 12.0
 AZIMUTHS_DEG = np.arange(0.0, 360.0, 1.5)
 IMAGE_SIGMA_DEG = 0.05
 FROM_EDGE_M = 1000.0
-ENCLOSED = 0.9  # of the skyline: what the DEM's edge cuts off may hide higher ridges
+ENCLOSED = 0.9  # share of the skyline: beyond the DEM's edge higher ridges may be hidden
 FAR_M = 1000.0
 APART_M = 300.0
-GOOD_DEG = (0.05, 0.02)  # of azimuth and tilt: both count against what a rig is worth
+GOOD_DEG = (0.05, 0.02)  # sigmas of azimuth and tilt of a good site
 GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 
 
 @dataclass(frozen=True)
 class Site:
-    """A place, the ground there, the sigmas to expect of the sum of azimuths and of the tilt, and the share of far ridges."""
+    """A place, its ground height, the expected sigmas of azimuth sum and tilt, and the share of far ridges."""
 
     lat_deg: float
     lon_deg: float
@@ -45,7 +47,7 @@ class Site:
 def best_sites(
     near: KnownPlace, within_m: float, mast_height_m: float, sigmas: PlaceSigmas, count: int
 ) -> list[Site]:
-    """The best places within ``within_m``, apart from each other, best first. ``CalibrationError`` where there is none."""
+    """The best places within ``within_m``, spaced apart, best first. ``CalibrationError`` if there is none."""
     dem = near.dem
     rows, cols = _candidates(near, within_m)
     ground_m = dem.ground_m(rows, cols)
@@ -69,7 +71,9 @@ def best_sites(
 def expected_sigmas_deg(
     elevation_deg: Vector, distance_m: Vector, sigmas: PlaceSigmas
 ) -> tuple[float, float]:
-    """Of azimuth and tilt, from a skyline at ``AZIMUTHS_DEG`` as seen once all round; NaN where there is none."""
+    """Expected sigmas of azimuth and tilt from one full turn over the skyline at ``AZIMUTHS_DEG``; NaN without a
+    skyline.
+    """
     seen = np.isfinite(elevation_deg) & np.isfinite(distance_m)
     step_deg = AZIMUTHS_DEG[1] - AZIMUTHS_DEG[0]
     slope = ((np.roll(elevation_deg, -1) - np.roll(elevation_deg, 1)) / (2.0 * step_deg))[seen]
@@ -78,7 +82,7 @@ def expected_sigmas_deg(
     distance = np.maximum(distance_m[seen], NEAREST_M)
     across = np.sqrt(1.0 + (seen_slope / np.cos(elevation)) ** 2)
     by_metre = np.degrees(1.0 / distance)
-    # Ahead a step raises the ridge, aside it moves it along the skyline.
+    # A step towards a ridge raises it; a step sideways shifts it along the skyline.
     east = by_metre * (np.tan(elevation) * np.sin(azimuth) + seen_slope * np.cos(azimuth))
     north = by_metre * (np.tan(elevation) * np.cos(azimuth) - seen_slope * np.sin(azimuth))
     design = np.column_stack([-seen_slope, np.ones(len(distance)), east, north, -by_metre]) / across[:, None]
@@ -92,7 +96,7 @@ def expected_sigmas_deg(
 
 
 def _candidates(near: KnownPlace, within_m: float) -> tuple[Vector, Vector]:
-    """Rows and columns of places spread evenly over the disc, where the ground is neither steep nor as flat as water is."""
+    """Rows and columns of places spread evenly over the disc, excluding steep ground and water (flat)."""
     dem = near.dem
     number = np.arange(CANDIDATES)
     radius_m = within_m * np.sqrt(number / CANDIDATES)
@@ -119,7 +123,7 @@ def _skylines(dem: Dem, rows: Vector, cols: Vector, altitude_m: Vector) -> tuple
 
 
 def _enclosed_share(dem: Dem, row: float, col: float, distance_m: Vector) -> float:
-    """Of the skyline: terrain, and further inside the DEM than ``FROM_EDGE_M``."""
+    """Share of the skyline that is terrain at least ``FROM_EDGE_M`` inside the DEM."""
     azimuth = np.radians(AZIMUTHS_DEG)
     reach_m = np.where(np.isfinite(distance_m), distance_m, 0.0) + FROM_EDGE_M
     x, y = rowcol_to_metric(dem, row, col)
@@ -134,7 +138,7 @@ def _badness(site: Site) -> float:
 
 
 def _apart(sites: Sequence[Site], count: int) -> list[Site]:
-    """The first of the sites that are no neighbours of a better one."""
+    """The first sites of the list that are not near a better one."""
     chosen: list[Site] = []
     for site in sites:
         if len(chosen) < count and all(_apart_m(site, other) >= APART_M for other in chosen):

@@ -1,4 +1,4 @@
-"""What the camera sees of the skyline at a known place, frame by frame and point by point."""
+"""Observed skyline points of the calibration, frame by frame."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,10 +14,11 @@ Vector = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SkylineFrame:
-    """One frame: the head as joints, heading and inclinometer say, and the skyline's rays (n, 3) in the camera with sigmas.
+    """One frame: the head's attitude from joints, heading and inclinometer, and the skyline's rays (n, 3) in the camera
+    with sigmas.
 
-    ``share`` is the part of the columns that showed it. The sigma of azimuth is of the pan's ``stop``, which frames may share;
-    that of tilt is this frame's own.
+    ``share`` is the share of columns with a skyline. The azimuth sigma belongs to the pan ``stop``, which frames may
+    share; the tilt sigma is the frame's own.
     """
 
     label: str
@@ -31,7 +32,7 @@ class SkylineFrame:
 
 
 class Points:
-    """The points of all frames, one after the other."""
+    """The points of all frames, concatenated."""
 
     def __init__(self, frames: Sequence[SkylineFrame]) -> None:
         self.frame = np.concatenate([np.full(len(f.rays), i) for i, f in enumerate(frames)])
@@ -41,7 +42,7 @@ class Points:
         self._heads = [body_rotation(f.head) for f in frames]
 
     def seen(self, boresight: Attitude, turn_deg: Vector) -> tuple[Vector, Vector]:
-        """Azimuth (turned further by ``turn_deg``) and elevation of all points, for a camera that sits so in the head."""
+        """Azimuth (plus ``turn_deg``) and elevation of all points for a camera with this boresight."""
         camera = camera_to_world(boresight.azimuth_deg, boresight.tilt_deg, boresight.roll_deg)
         world = np.concatenate([r @ (h @ camera).T for r, h in zip(self._rays, self._heads, strict=True)])
         azimuth, elevation = azimuth_elevation_deg(world)
@@ -49,6 +50,6 @@ class Points:
 
     @property
     def across(self) -> Vector:
-        """How far right of the optical axis each point lies, as an angle in radians: what a roll lifts."""
+        """Angle of each point to the right of the optical axis, radians: the lever arm of a roll."""
         rays = np.concatenate(self._rays)
         return np.asarray(np.arctan2(rays[:, 0], rays[:, 2]))

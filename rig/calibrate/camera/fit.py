@@ -1,4 +1,4 @@
-"""Intrinsics and distortion from views of a board, and whether they can be believed."""
+"""Intrinsics and distortion from views of a calibration target, with checks that the result is credible."""
 
 import math
 from collections.abc import Sequence
@@ -8,28 +8,28 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.calibrate.camera.target import View
+from rig.calibrate.camera.target import TargetView
 from rig.config.calibration_files import CalibrationError
 
 Vector = NDArray[np.float64]
 
-LEAST_VIEWS = 10
+MIN_VIEWS = 10
 GRID = (8, 6)  # columns, rows
-LEAST_COVERAGE = 0.75
+MIN_COVERAGE = 0.75
 RMS_LIMIT_PX = 0.7
 FOCAL_SIGMA_LIMIT = 0.003
 FIELD_OF_VIEW_DEG = (5.0, 150.0)
 SQUARENESS_LIMIT = 0.03
 CENTRE_LIMIT = 0.15  # of the picture's size
 BAD_VIEW = 3.0  # in medians
-MOST_BAD_VIEWS = 0.2
+MAX_BAD_VIEWS = 0.2
 SIGNIFICANT = 3.0
 NAMES = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2", "k3")
 
 
 @dataclass(frozen=True)
 class CameraFit:
-    """The nine parameters by their names, their sigmas, and the residuals (n, 2) in px at the corners (n, 2) of all views."""
+    """The nine parameters by name, their sigmas, and the residuals (n, 2) in px at the corners (n, 2) of all views."""
 
     values: dict[str, float]
     sigmas: dict[str, float]
@@ -41,8 +41,8 @@ class CameraFit:
     residuals_px: Vector
 
 
-def coverage_grid(views: Sequence[View], size_px: tuple[int, int]) -> NDArray[np.int64]:
-    """How many corners were seen in each cell of the picture (rows, columns)."""
+def coverage_grid(views: Sequence[TargetView], size_px: tuple[int, int]) -> NDArray[np.int64]:
+    """Number of corners in each cell of the picture (rows, columns)."""
     counts = np.zeros((GRID[1], GRID[0]), np.int64)
     for view in views:
         cells = np.floor((view.image_px + 0.5) / np.array(size_px) * np.array(GRID)).astype(np.int64)
@@ -50,24 +50,24 @@ def coverage_grid(views: Sequence[View], size_px: tuple[int, int]) -> NDArray[np
     return counts
 
 
-def coverage(views: Sequence[View], size_px: tuple[int, int]) -> float:
+def coverage(views: Sequence[TargetView], size_px: tuple[int, int]) -> float:
     """Share of the picture's cells in which a corner was seen."""
     return float(np.mean(coverage_grid(views, size_px) > 0))
 
 
-def fit_camera(views: Sequence[View], size_px: tuple[int, int]) -> CameraFit:
-    """Fit. ``CalibrationError`` where the views are too few, leave parts of the picture out, or fit no real lens."""
+def fit_camera(views: Sequence[TargetView], size_px: tuple[int, int]) -> CameraFit:
+    """Fit. ``CalibrationError`` if the views are too few, leave parts of the picture uncovered, or fit no real lens."""
     _require_views(views, size_px)
     used = list(views)
     first = _calibrate(used, size_px, fixed_k3=False)
     bad = first.per_view_px > BAD_VIEW * np.median(first.per_view_px)
     dropped = tuple(view.name for view, is_bad in zip(used, bad, strict=True) if is_bad)
-    if dropped and len(dropped) <= MOST_BAD_VIEWS * len(used):
+    if dropped and len(dropped) <= MAX_BAD_VIEWS * len(used):
         used = [view for view, is_bad in zip(used, bad, strict=True) if not is_bad]
         first = _calibrate(used, size_px, fixed_k3=False)
     else:
         dropped = ()
-    # A third coefficient that is not needed follows the noise in the corners.
+    # An unnecessary third coefficient would fit the noise of the corners.
     needed = abs(first.parameters[8]) > SIGNIFICANT * first.sigmas[8]
     solved = first if needed else _calibrate(used, size_px, fixed_k3=True)
     fit = CameraFit(
@@ -93,9 +93,9 @@ class _Solved:
     residuals_px: Vector
 
 
-def _calibrate(views: Sequence[View], size_px: tuple[int, int], fixed_k3: bool) -> _Solved:
+def _calibrate(views: Sequence[TargetView], size_px: tuple[int, int], fixed_k3: bool) -> _Solved:
     flags = cv2.CALIB_FIX_K3 if fixed_k3 else 0
-    boards = [view.board_mm.astype(np.float32) for view in views]
+    boards = [view.target_mm.astype(np.float32) for view in views]
     images = [view.image_px.astype(np.float32) for view in views]
     guess, none = np.eye(3), np.zeros(5)
     try:
@@ -121,20 +121,20 @@ def _calibrate(views: Sequence[View], size_px: tuple[int, int], fixed_k3: bool) 
     )
 
 
-def _require_views(views: Sequence[View], size_px: tuple[int, int]) -> None:
-    if len(views) < LEAST_VIEWS:
+def _require_views(views: Sequence[TargetView], size_px: tuple[int, int]) -> None:
+    if len(views) < MIN_VIEWS:
         raise CalibrationError(
-            f"camera: the board was found in {len(views)} pictures only; take {LEAST_VIEWS} or more, "
+            f"camera: the board was found in {len(views)} pictures only; take {MIN_VIEWS} or more, "
             "sharp and with most of the board in them"
         )
     covered = coverage(views, size_px)
-    if covered < LEAST_COVERAGE:
+    if covered < MIN_COVERAGE:
         empty = coverage_grid(views, size_px) == 0
         rows, cols = np.nonzero(empty)
         side = "left" if cols.mean() < (GRID[0] - 1) / 2 else "right"
         height = "upper" if rows.mean() < (GRID[1] - 1) / 2 else "lower"
         raise CalibrationError(
-            f"camera: the board covered {covered:.0%} of the picture, {LEAST_COVERAGE:.0%} are needed; "
+            f"camera: the board covered {covered:.0%} of the picture, {MIN_COVERAGE:.0%} are needed; "
             f"show it towards the edges and corners too, most of all the {height} {side}"
         )
 
@@ -173,7 +173,7 @@ def _require_plausible(fit: CameraFit, size_px: tuple[int, int]) -> None:
 
 
 def _folds(values: dict[str, float], size_px: tuple[int, int]) -> bool:
-    """Whether a larger angle would come to lie nearer to the centre, somewhere within the picture."""
+    """Whether the distortion model is non-monotonic within the picture."""
     width, height = size_px
     corners_px = [(0.0, 0.0), (width - 1.0, 0.0), (0.0, height - 1.0), (width - 1.0, height - 1.0)]
     reach = max(

@@ -1,4 +1,4 @@
-"""Calibrate the camera: collect views of a board, live or from files, fit, show."""
+"""Camera calibration: collect views of a calibration target, live or from files, fit, show."""
 
 import glob
 import struct
@@ -12,38 +12,40 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 
-from rig.calibrate.camera.fit import LEAST_COVERAGE, NAMES, CameraFit, coverage, coverage_grid, fit_camera
-from rig.calibrate.camera.target import Board, View
+from rig.calibrate.camera.fit import MIN_COVERAGE, NAMES, CameraFit, coverage, coverage_grid, fit_camera
+from rig.calibrate.camera.target import CalibrationTarget, TargetView
 from rig.calibrate.figures import new_figure
 from rig.calibrate.guide import Guide
-from rig.calibrate.result import Session
+from rig.calibrate.run import CalibrationRun
 from rig.config.calibration_files import CalibrationError, CameraCalibration
-from rig.devices.camera.camera import Camera
+from rig.devices.camera.driver import Camera
 
 STILL_PX = 0.5
-NEW_SHARE = 0.05  # of the width, by which corners have to have moved since any other view
+NEW_SHARE = 0.05  # of the width: least movement of the corners from any other view
 PATIENCE_S = 60.0
 
 
-def calibrate_camera(session: Session, board: Board, images: str | None, views_wanted: int) -> None:
-    """Guide, collect, fit and write. ``CalibrationError`` with the reason where the result is not to be trusted."""
-    section = session.config.camera
+def calibrate_camera(
+    run: CalibrationRun, board: CalibrationTarget, images: str | None, views_wanted: int
+) -> None:
+    """Guide the operator, collect views, fit and write. ``CalibrationError`` says why a result is rejected."""
+    section = run.config.camera
     size_px = (section.width_px, section.height_px)
     if images is not None:
         views, device = views_from_files(board, images, size_px), images
     else:
-        session.guide.ready(
+        run.guide.ready(
             f"Hold the board {board.text} before the camera, then move it: near and far, to all edges and corners, tilted by "
             "30 deg and more to all sides, and keep it still for a moment each time."
         )
         with Camera(section) as camera:
             camera.wait_open()
             device = camera.identify()
-            views = views_from_camera(camera, board, size_px, views_wanted, session.guide)
+            views = views_from_camera(camera, board, size_px, views_wanted, run.guide)
     fit = fit_camera(views, size_px)
     value = fit.values
     document = CameraCalibration(
-        **session.header("camera", device),
+        **run.header("camera", device),
         width_px=section.width_px,
         height_px=section.height_px,
         fx_px=value["fx_px"],
@@ -66,17 +68,17 @@ def calibrate_camera(session: Session, board: Board, images: str | None, views_w
         ("residual rms, px", f"{fit.rms_px:.3f}", f"{len(fit.corners_px)} corners in {fit.views} views")
     )
     rows.append(("coverage", f"{fit.coverage:.0%}", f"left out: {len(fit.dropped)} views"))
-    session.finish(document, rows, draw(fit, size_px))
+    run.finish(document, rows, draw(fit, size_px))
 
 
-def views_from_files(board: Board, pattern: str, size_px: tuple[int, int]) -> list[View]:
-    """The views in the pictures that a pattern names. ``CalibrationError`` where there are none, or of another size."""
+def views_from_files(board: CalibrationTarget, pattern: str, size_px: tuple[int, int]) -> list[TargetView]:
+    """The views in the pictures of a glob pattern. ``CalibrationError`` if there are none, or of another size."""
     paths = sorted(glob.glob(pattern, recursive=True))  # noqa: PTH207 - a pattern may be absolute
     if not paths:
         raise CalibrationError(f"--images {pattern}: names no file; check the folder, and quote the pattern")
     views = []
     for path in paths:
-        width, height = _size_px(path)  # before it is unpacked: a file of kilobytes can claim gigabytes
+        width, height = _size_px(path)  # before decoding: a small file can claim gigabytes
         if (width, height) != size_px:
             raise CalibrationError(
                 f"{path}: is {width} x {height} px, but [camera] says {size_px[0]} x {size_px[1]}; take pictures of that size"
@@ -93,7 +95,7 @@ def views_from_files(board: Board, pattern: str, size_px: tuple[int, int]) -> li
 
 
 def _size_px(path: str) -> tuple[int, int]:
-    """What a picture's header says."""
+    """Picture size from the file header."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -106,14 +108,15 @@ def _size_px(path: str) -> tuple[int, int]:
 
 
 def views_from_camera(
-    camera: Camera, board: Board, size_px: tuple[int, int], wanted: int, guide: Guide
-) -> list[View]:
-    """Take a view whenever the board is held still somewhere new, until there are enough of them all over the picture.
+    camera: Camera, board: CalibrationTarget, size_px: tuple[int, int], wanted: int, guide: Guide
+) -> list[TargetView]:
+    """Take a view whenever the target is held still in a new position, until the views are enough and cover the
+    picture.
 
-    Ends too when nothing new was shown for a minute; the fit then says what is missing.
+    Also ends after a minute without a new view; the fit then reports what is missing.
     """
-    views: list[View] = []
-    before: View | None = None
+    views: list[TargetView] = []
+    before: TargetView | None = None
     newest_s = time.monotonic()
     while time.monotonic() - newest_s < PATIENCE_S:
         frame = camera.frame_after(time.monotonic())
@@ -122,26 +125,26 @@ def views_from_camera(
             views.append(view)
             newest_s = time.monotonic()
             guide.say(progress(views, size_px, wanted))
-            if len(views) >= wanted and coverage(views, size_px) >= LEAST_COVERAGE:
+            if len(views) >= wanted and coverage(views, size_px) >= MIN_COVERAGE:
                 break
         before = view
     return views
 
 
-def is_still(view: View, before: View) -> bool:
-    """Whether the board was where it was in the frame before."""
+def is_still(view: TargetView, before: TargetView) -> bool:
+    """Whether the target has not moved since the previous frame."""
     moved = _moved_px(view, before)
     return moved is not None and moved < STILL_PX
 
 
-def is_new(view: View, others: Sequence[View], width_px: int) -> bool:
-    """Whether the board is somewhere else than in all other views."""
+def is_new(view: TargetView, others: Sequence[TargetView], width_px: int) -> bool:
+    """Whether the target's position differs from those of all other views."""
     moves = [_moved_px(view, other) for other in others]
     return all(moved is None or moved > NEW_SHARE * width_px for moved in moves)
 
 
-def progress(views: Sequence[View], size_px: tuple[int, int], wanted: int) -> str:
-    """Where in the picture the board has been, as lines of characters: more corners, a fuller block."""
+def progress(views: Sequence[TargetView], size_px: tuple[int, int], wanted: int) -> str:
+    """Coverage of the picture as text blocks: more corners, a fuller block."""
     counts = coverage_grid(views, size_px)
     blocks = np.array(list("·░▒▓█"))
     lines = ["  " + "".join(blocks[np.clip((row + 4) // 5, 0, 4)].repeat(2)) for row in counts]
@@ -152,7 +155,7 @@ def progress(views: Sequence[View], size_px: tuple[int, int], wanted: int) -> st
 
 
 def draw(fit: CameraFit, size_px: tuple[int, int]) -> Figure:
-    """Where corners were seen with what is left of them, and the residuals themselves."""
+    """Corner positions with their residuals, and the residuals alone."""
     figure, (picture, cloud) = new_figure(
         f"camera: {fit.rms_px:.3f} px rms, {len(fit.corners_px)} corners in {fit.views} views", 2
     )
@@ -173,8 +176,8 @@ def draw(fit: CameraFit, size_px: tuple[int, int]) -> Figure:
     return figure
 
 
-def _moved_px(view: View, other: View) -> float | None:
-    """Mean way of the corners that both show; None where these are few."""
+def _moved_px(view: TargetView, other: TargetView) -> float | None:
+    """Mean displacement of the common corners; None if there are few."""
     common: NDArray[np.int64]
     common, mine, theirs = np.intersect1d(view.ids, other.ids, return_indices=True)
     if len(common) < 6:

@@ -1,11 +1,11 @@
-"""Strength and dip of the Earth's field as a compass has measured them, against those of the World Magnetic Model.
+"""Compares the measured strength and dip of the Earth's field with the World Magnetic Model.
 
-Where they differ by more than iron of the rig explains, something beside it bends the field: a fence, a building, a current
-in the ground. Then north is elsewhere too, by as many degrees as nobody can tell.
+A difference larger than the rig's iron explains means an external disturbance: a fence, a building, a current in the
+ground. North is then disturbed too, by an unknown angle.
 
-Turning pan and vehicle separates the horizontal strength from all iron but that which weakens or strengthens the field alike
-in all directions. The vertical strength shows only where the vehicle leans differently from heading to heading: on even ground
-it cannot be told from iron above or below the compass.
+Turning pan and vehicle separates the horizontal strength from all iron except that which changes the field equally in
+all directions. The vertical strength is observable only if the vehicle's slope differs between headings; on even ground
+it cannot be separated from iron above or below the compass.
 """
 
 from dataclasses import dataclass
@@ -16,11 +16,11 @@ from rig.calibrate.compass.model import EarthField
 from rig.config.calibration_files import CalibrationError
 
 STRENGTH_TOLERANCE = 0.1
-"""Of the horizontal strength: three times what iron of the usual rig does to it."""
+"""Allowed deviation of the horizontal strength: three times the effect of a typical rig's iron."""
 DIP_TOLERANCE_DEG = 4.0
 SIGMAS = 3.0
 DIP_TELLS_DEG = 3.0
-"""A dip less sure than this is not a measured one."""
+"""A dip with a larger sigma than this does not count as measured."""
 WARNING_SHARE = 0.5
 
 _DISTURBED = (
@@ -31,9 +31,9 @@ _DISTURBED = (
 
 @dataclass(frozen=True)
 class MeasuredField:
-    """Horizontal strength (uT) and dip (degrees) as the compass has them, and their sigmas.
+    """Measured horizontal strength (uT) and dip (degrees) with sigmas.
 
-    ``vertical_iron_ut`` is what has to be taken for iron above or below the compass if the model is right about the dip.
+    ``vertical_iron_ut`` is the field of iron above or below the compass that would make the dip agree with the model.
     """
 
     horizontal_ut: float
@@ -44,7 +44,7 @@ class MeasuredField:
 
     @property
     def tells_dip(self) -> bool:
-        """Whether the dip was measured at all: the vehicle leaned differently from heading to heading."""
+        """Whether the dip was measured: the vehicle's slope differed between headings."""
         return self.dip_sigma_deg <= DIP_TELLS_DEG
 
 
@@ -54,7 +54,7 @@ def dip_deg(earth: EarthField) -> float:
 
 
 def check_field(measured: MeasuredField, earth: EarthField) -> list[str]:
-    """Warnings, a sentence each, where the field is suspicious. ``CalibrationError`` where it is not the model's."""
+    """Warnings, one sentence each, for a suspicious field. ``CalibrationError`` if it contradicts the model."""
     strength_ut = float(np.hypot(earth.horizontal_ut, earth.down_ut))
     if abs(measured.vertical_iron_ut) > strength_ut:
         raise CalibrationError(
@@ -74,7 +74,7 @@ def check_field(measured: MeasuredField, earth: EarthField) -> list[str]:
 
 
 def _differences(measured: MeasuredField, earth: EarthField) -> list[tuple[str, float, float]]:
-    """What differs in words, by how much, and how much is allowed."""
+    """Each difference in words, its size, and its tolerance."""
     share = measured.horizontal_ut / earth.horizontal_ut - 1.0
     share_allowed = max(STRENGTH_TOLERANCE, SIGMAS * measured.horizontal_sigma_ut / earth.horizontal_ut)
     strength = (

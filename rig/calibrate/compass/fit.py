@@ -1,9 +1,9 @@
-"""Iron of the pan stage and of the vehicle from the field at many pan angles and headings of the vehicle.
+"""Fit of hard and soft iron of pan stage and vehicle, from the field at many pan angles and vehicle headings.
 
-Turning the pan tells what is fixed to the stage, turning the vehicle what is fixed to the vehicle. Where the vehicle was not
-turned, its iron stays unknown and shows in the heading's sigma. Horizontal strength and dip of the Earth's field come from the
-World Magnetic Model: nothing else tells an error of scale. A turn of the whole compass about the vertical cannot be seen: it is
-part of the boresight.
+Turning the pan determines iron fixed to the stage, turning the vehicle iron fixed to the vehicle. If the vehicle was
+not turned, its iron stays unknown and increases the heading's sigma. Horizontal strength and dip come from the World
+Magnetic Model: nothing else determines a scale error. A rotation of the whole compass about the vertical is not
+observable; it is part of the boresight.
 """
 
 from collections.abc import Sequence
@@ -23,17 +23,17 @@ from rig.calibrate.compass.model import (
     VehicleStop,
     in_base,
 )
-from rig.calibrate.solve import solve
+from rig.calibrate.least_squares import solve
 from rig.config.calibration_files import CalibrationError
 
 Vector = NDArray[np.float64]
 
-LEAST_ANGLES = 4
-LEAST_HEADINGS = 4
-LEAST_TURN_DEG = 200.0
+MIN_ANGLES = 4
+MIN_HEADINGS = 4
+MIN_TURN_DEG = 200.0
 READING_SIGMA_UT = 0.05
-EARTH_PRIOR_UT = 0.25  # the crust's part, which the model does not have
-WIDE_EARTH_PRIOR_UT = 20.0  # of a field that the compass is asked about instead of the model
+EARTH_PRIOR_UT = 0.25  # the crustal field, which the model lacks
+WIDE_EARTH_PRIOR_UT = 20.0  # if the field is to be measured instead of taken from the model
 SOFT_PRIOR = 0.03
 STAGE_PRIOR_UT = 100.0
 VEHICLE_PRIOR_UT = 2.0  # of a vehicle that was not turned
@@ -41,15 +41,15 @@ WIDE_VEHICLE_PRIOR_UT = 50.0
 RMS_LIMIT_UT = 0.25
 SOFT_LIMIT = 0.3
 SIGMA_LIMIT_DEG = 10.0
-SLOPES_DEG = ((0.0, 0.0), (5.0, 0.0), (0.0, 5.0))  # at which the heading's sigma is to hold
+SLOPES_DEG = ((0.0, 0.0), (5.0, 0.0), (0.0, 5.0))  # slopes over which the heading's sigma is evaluated
 STEP = 1e-4
 
 
 @dataclass(frozen=True)
 class CompassFit:
-    """The iron; magnetic headings of the vehicle; and what is left (stops, pans, 3), uT.
+    """Iron, magnetic headings of the vehicle, and residuals (stops, pans, 3), uT.
 
-    ``field`` is the Earth's field as the compass has it by itself, ``warnings`` what is suspicious about that.
+    ``field`` is the Earth's field measured without the model, ``warnings`` what is suspicious about it.
     """
 
     iron: Iron
@@ -64,16 +64,16 @@ class CompassFit:
 def fit_compass(stops: Sequence[VehicleStop], earth: EarthField) -> CompassFit:
     """Fit the iron.
 
-    ``CalibrationError`` where turns are too few, what is left is no iron that stays where it is, or the Earth's field is not
-    the World Magnetic Model's.
+    ``CalibrationError`` if the turns are too few, the residuals are not those of fixed iron, or the Earth's field
+    contradicts the World Magnetic Model.
     """
     for stop in stops:
-        if len(stop.pan_deg) < LEAST_ANGLES or np.ptp(stop.pan_deg) < LEAST_TURN_DEG:
+        if len(stop.pan_deg) < MIN_ANGLES or np.ptp(stop.pan_deg) < MIN_TURN_DEG:
             raise CalibrationError(
                 f"compass: read at {len(stop.pan_deg)} pan angles through {np.ptp(stop.pan_deg):.0f} deg only; "
-                f"take {LEAST_ANGLES} or more through {LEAST_TURN_DEG:g} deg"
+                f"take {MIN_ANGLES} or more through {MIN_TURN_DEG:g} deg"
             )
-    turned = len(stops) >= LEAST_HEADINGS
+    turned = len(stops) >= MIN_HEADINGS
     vehicle_prior_ut = WIDE_VEHICLE_PRIOR_UT if turned else VEHICLE_PRIOR_UT
     found = _fit(stops, earth, vehicle_prior_ut, EARTH_PRIOR_UT)
     iron = CompassModel(found.unknowns, earth).iron()
@@ -91,7 +91,7 @@ def fit_compass(stops: Sequence[VehicleStop], earth: EarthField) -> CompassFit:
 
 @dataclass(frozen=True)
 class _Fitted:
-    """The unknowns of ``CompassModel`` with their covariance, headings in radians, and what is left."""
+    """The unknowns of ``CompassModel`` with covariance, headings in radians, and residuals."""
 
     unknowns: Vector
     covariance: Vector
@@ -140,9 +140,10 @@ def _fit(
 
 
 def _measured_field(fitted: _Fitted, earth: EarthField, vertical_iron_ut: float) -> MeasuredField:
-    """The field as the turns have it. Where they do not tell the dip, the horizontal part is what goes with the model's dip.
+    """The field determined by the turns alone. If they do not determine the dip, the horizontal part for the model's
+    dip.
 
-    On a slope a part of the vertical field is measured with the horizontal one.
+    On a slope part of the vertical field is measured as horizontal.
     """
     model = CompassModel(fitted.unknowns, earth)
     horizontal_ut, down_ut = model.horizontal_ut, model.down_ut
@@ -162,7 +163,7 @@ def _measured_field(fitted: _Fitted, earth: EarthField, vertical_iron_ut: float)
 
 
 def _first_headings(stops: Sequence[VehicleStop]) -> Vector:
-    """Rough headings, radians: what turns with the pan is taken for the Earth's field."""
+    """Approximate headings, radians: what rotates with the pan is taken for the Earth's field."""
     found = []
     for stop in stops:
         c, s = np.cos(np.radians(stop.pan_deg)), np.sin(np.radians(stop.pan_deg))
@@ -174,9 +175,9 @@ def _first_headings(stops: Sequence[VehicleStop]) -> Vector:
 
 
 def _heading_sigma_deg(unknowns: Vector, covariance: Vector, earth: EarthField) -> float:
-    """How far off headings are at all headings and on slopes, rms: the covariance carried through a capture's own steps.
+    """Rms heading error over all headings and slopes: the covariance propagated through a capture's own computation.
 
-    A capture finds the stage's horizontal iron again by turning the pan, so an error of that does not count.
+    A capture re-estimates the stage's horizontal iron by turning the pan, so its error does not count.
     """
     pans_deg = np.array([-135.0, -45.0, 45.0, 135.0])
     headings = np.radians(np.arange(0.0, 360.0, 30.0))
@@ -220,8 +221,6 @@ def _require_plausible(iron: Iron, heading_sigma_deg: float, turned: bool) -> No
         )
     if heading_sigma_deg > SIGMA_LIMIT_DEG:
         remedy = (
-            "read more pan angles"
-            if turned
-            else f"turn the vehicle too, to {LEAST_HEADINGS} headings or more"
+            "read more pan angles" if turned else f"turn the vehicle too, to {MIN_HEADINGS} headings or more"
         )
         raise CalibrationError(f"compass: headings are known to {heading_sigma_deg:.1f} deg only; {remedy}")

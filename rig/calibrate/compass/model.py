@@ -1,6 +1,6 @@
-"""The field that a compass on the pan stage of a vehicle with iron measures.
+"""Forward model of a compass on the pan stage of a vehicle with iron.
 
-With B the Earth's field in base axes and P the turn of the pan, it measures
+With B the Earth's field in base axes and P the pan rotation, the compass measures
 
     S_stage @ P^T @ (S_vehicle @ B + h_vehicle) + h_stage
 """
@@ -18,12 +18,12 @@ Vector = NDArray[np.float64]
 
 IRON_UNKNOWNS = 16
 EARTH = slice(16, 18)
-"""Where the Earth's field against the model's (horizontal, down) lies among the unknowns."""
+"""The part of the unknowns that is the Earth's field minus the model's (horizontal, down)."""
 
 
 @dataclass(frozen=True)
 class EarthField:
-    """By the World Magnetic Model: horizontal and downward strength, and how well the declination is known."""
+    """The World Magnetic Model's horizontal and downward strength, and the sigma of its declination."""
 
     horizontal_ut: float
     down_ut: float
@@ -42,7 +42,7 @@ class VehicleStop:
 
 @dataclass(frozen=True)
 class Iron:
-    """What bends the field: hard (uT) and soft (matrix) iron of the pan stage and of the vehicle."""
+    """Hard (uT) and soft (matrix) iron of the pan stage and of the vehicle."""
 
     stage_hard_ut: Triple
     stage_soft: Matrix
@@ -50,11 +50,11 @@ class Iron:
 
 
 class CompassModel:
-    """The forward model for one set of the unknowns, all zero without iron.
+    """The forward model for one vector of unknowns; all zero means no iron.
 
-    Symmetric errors of the stage's matrix (6), the stage's iron (3), symmetric errors of the vehicle's matrix but the one of
-    the vertical (5), its horizontal iron (2), and the Earth's field against the model's (2). A vertical part of the vehicle's
-    iron is the same as the stage's.
+    Unknowns: symmetric part of the stage's matrix (6), hard iron of the stage (3), symmetric part of the vehicle's
+    matrix without the vertical one (5), horizontal hard iron of the vehicle (2), and the Earth's field minus the
+    model's (2). A vertical part of the vehicle's hard iron is equivalent to the stage's.
     """
 
     def __init__(self, unknowns: Vector, earth: EarthField) -> None:
@@ -72,7 +72,7 @@ class CompassModel:
         return np.asarray(in_stage(there, stop.pan_deg) @ self.stage.T + self.stage_ut)
 
     def iron(self) -> Iron:
-        """The same as what a configuration says."""
+        """The iron as configuration values."""
         vehicle = VehicleIron(_triple(self.vehicle_ut), _matrix(self.vehicle))
         return Iron(_triple(self.stage_ut), _matrix(self.stage), vehicle)
 
@@ -85,7 +85,9 @@ def in_stage(base_ut: Vector, pan_deg: Vector) -> Vector:
 
 
 def in_base(stage_ut: Vector, pan_deg: Vector) -> Vector:
-    """The part (3,) of fields in stage axes (n, 3) that stays with the base; the pan angles are all round, evenly."""
+    """The part (3,) of fields in stage axes (n, 3) that is fixed to the base; the pan angles must cover a full turn
+    evenly.
+    """
     c, s = np.cos(np.radians(pan_deg)), np.sin(np.radians(pan_deg))
     x, y, z = stage_ut.T
     return np.array([(c * x + s * y).mean(), (-s * x + c * y).mean(), z.mean()])

@@ -1,4 +1,4 @@
-"""Calibrate the compass: turn the pan at several headings of the vehicle, compare with and without torque, fit, show."""
+"""Compass calibration: turn the pan at several vehicle headings, compare with torque on and off, fit, show."""
 
 from collections.abc import Sequence
 
@@ -13,10 +13,10 @@ from rig.attitude.magnetic_model import ModelField, model_field
 from rig.calibrate.compass.earth_field import dip_deg
 from rig.calibrate.compass.fit import CompassFit, fit_compass
 from rig.calibrate.compass.model import EarthField, VehicleStop
-from rig.calibrate.compass.torque import TorqueField, read_held_and_free, torque_field
+from rig.calibrate.compass.torque import TorqueField, read_with_torque_on_and_off, torque_field
 from rig.calibrate.figures import new_figure
-from rig.calibrate.result import Session
-from rig.capture.standing import Stop, read_stop
+from rig.calibrate.run import CalibrationRun
+from rig.capture.base_attitude import Stop, read_stop
 from rig.config.calibration_files import CalibrationError, CompassCalibration
 from rig.config.model import RigConfig
 from rig.config.sections import Mmc5983maSection
@@ -29,9 +29,9 @@ FROM_LIMIT_DEG = 4.0
 TORQUE_LIMIT_DEG = 3.0
 
 
-def calibrate_compass(session: Session, headings: int, angles: int) -> None:
-    """Guide, measure, fit and write. ``CalibrationError`` with the reason where the result is not to be trusted."""
-    config, guide = session.config, session.guide
+def calibrate_compass(run: CalibrationRun, headings: int, angles: int) -> None:
+    """Guide the operator, measure, fit and write. ``CalibrationError`` says why a result is rejected."""
+    config, guide = run.config, run.guide
     section, model = _section(config), _model(config)
     guide.ready(
         "Drive to open ground, 20 m from vehicles, fences and power lines; keep iron and phones away from the mast."
@@ -50,7 +50,7 @@ def calibrate_compass(session: Session, headings: int, angles: int) -> None:
             for index, pan_deg in enumerate(pans_deg):
                 stops.append(read_stop(rig, JointAngles(pan_deg, 0.0), READING_S))
                 if index in let_go_at:
-                    held_and_free.append(read_held_and_free(rig, stops[-1], section, READING_S))
+                    held_and_free.append(read_with_torque_on_and_off(rig, stops[-1], section, READING_S))
             vehicle_stops.append(vehicle_stop(config, section, stops))
             guide.say(f"heading {number} of {headings}: read at {len(stops)} pan angles")
     earth = EarthField(model.horizontal_ut, model.down_ut, model.declination_sigma_deg)
@@ -66,7 +66,7 @@ def calibrate_compass(session: Session, headings: int, angles: int) -> None:
     sigma_deg = float(np.hypot(fit.heading_sigma_deg, torque.varying_deg))
     iron, field = fit.iron, fit.field
     document = CompassCalibration(
-        **session.header("compass", device),
+        **run.header("compass", device),
         compass=section.kind,
         axes=section.axes,
         hard_iron_ut=iron.stage_hard_ut,
@@ -113,11 +113,11 @@ def calibrate_compass(session: Session, headings: int, angles: int) -> None:
         ("heading, deg", "", f"{sigma_deg:.2f}"),
         ("residual rms, uT", f"{fit.rms_ut:.3f}", f"{headings} headings x {angles} pan angles"),
     ]
-    session.finish(document, rows, draw(fit, vehicle_stops, sigma_deg))
+    run.finish(document, rows, draw(fit, vehicle_stops, sigma_deg))
 
 
 def vehicle_stop(config: RigConfig, section: Mmc5983maSection, stops: Sequence[Stop]) -> VehicleStop:
-    """One position of the vehicle as the fit takes it: its slope, and the fields in axes of the pan stage."""
+    """One position of the vehicle as input of the fit: its slope, and the fields in axes of the pan stage."""
     inclinometer = config.inclinometer
     sigmas = LevelSigmas(
         inclinometer.tilt_sigma_deg,
@@ -132,7 +132,7 @@ def vehicle_stop(config: RigConfig, section: Mmc5983maSection, stops: Sequence[S
 
 
 def draw(fit: CompassFit, stops: Sequence[VehicleStop], heading_sigma_deg: float) -> Figure:
-    """What is left over the pan angle, and the horizontal field as measured."""
+    """Residuals over the pan angle, and the measured horizontal field."""
     figure, (left, circle) = new_figure(
         f"compass: {fit.rms_ut:.3f} uT rms, heading to {heading_sigma_deg:.2f} deg", 2
     )
@@ -151,7 +151,7 @@ def draw(fit: CompassFit, stops: Sequence[VehicleStop], heading_sigma_deg: float
 
 
 def _pan_angles(rig: Rig, angles: int) -> list[float]:
-    """All round, from the end that is nearer."""
+    """Pan angles over the full range, starting at the nearer end."""
     pan = rig.config.pan_tilt.pan
     pans_deg: list[float] = np.linspace(
         pan.min_deg + FROM_LIMIT_DEG, pan.max_deg - FROM_LIMIT_DEG, angles
@@ -161,7 +161,9 @@ def _pan_angles(rig: Rig, angles: int) -> list[float]:
 
 
 def _spread(angles: int) -> tuple[int, ...]:
-    """First, middle and last of so many pan angles: where the head is let go. Not at each: it may sink every time."""
+    """Indices of the first, middle and last pan angle: there the torque is switched off. Not at each, as the head may
+    sink.
+    """
     return 0, angles // 2, angles - 1
 
 

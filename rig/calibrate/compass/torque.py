@@ -1,7 +1,7 @@
-"""What the current that holds the head makes of the compass: read with the servos' torque, and without.
+"""Effect of the servos' holding current on the compass: read with torque on and off.
 
-A capture reads with torque, and so does the calibration: what is always the same goes into the iron of the pan stage. What
-differs from one pan angle to the other is left in the heading.
+Captures and the calibration both read with torque on. A constant effect becomes part of the pan stage's iron; the part
+that varies with the pan angle remains in the heading.
 """
 
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.attitude.level import in_axes
-from rig.capture.standing import Stop, read_here
+from rig.capture.base_attitude import Stop, read_here
 from rig.config.calibration_files import CalibrationError
 from rig.config.sections import Mmc5983maSection
 from rig.devices.connect import Rig
@@ -20,21 +20,21 @@ Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class HeldAndFree:
-    """Fields (3,), uT in stage axes, with torque and without, and where the pan stood each time."""
+class TorqueOnOffPair:
+    """Fields (3,), uT in stage axes, with torque on and off, and the pan angle of each reading."""
 
-    held_ut: Vector
-    free_ut: Vector
-    held_pan_deg: float
-    free_pan_deg: float
+    torque_on_ut: Vector
+    torque_off_ut: Vector
+    torque_on_pan_deg: float
+    torque_off_pan_deg: float
 
 
 @dataclass(frozen=True)
 class TorqueField:
-    """What the holding current adds to the field (3,), uT in stage axes, and by how much that varies, horizontally, rms.
+    """Field of the holding current (3,), uT in stage axes, and its rms variation, horizontal.
 
-    ``heading_deg`` is what it would turn a heading by that does not know of it, ``varying_deg`` what its variation leaves in
-    the heading of a capture.
+    ``heading_deg`` is its effect on an uncorrected heading, ``varying_deg`` the effect of its variation on a capture's
+    heading.
     """
 
     field_ut: Vector
@@ -43,32 +43,37 @@ class TorqueField:
     varying_deg: float
 
 
-def read_held_and_free(rig: Rig, held: Stop, section: Mmc5983maSection, duration_s: float) -> HeldAndFree:
-    """Let go of the head where a stop was just read, and read again. ``CalibrationError`` where there is no field."""
+def read_with_torque_on_and_off(
+    rig: Rig, held: Stop, section: Mmc5983maSection, duration_s: float
+) -> TorqueOnOffPair:
+    """Switch the torque off at a stop that was just read, and read again. ``CalibrationError`` without a field."""
     rig.pan_tilt.relax()
     free = read_here(rig, rig.pan_tilt.state(), duration_s)
     if held.field is None or free.field is None:
         raise CalibrationError("compass: gave no field; calibrate again")
-    held_ut, free_ut = (
+    torque_on_ut, torque_off_ut = (
         in_axes(np.array(stop.field.mean_ut), section.axes) for stop in (held, free) if stop.field
     )
-    return HeldAndFree(held_ut, free_ut, held.joints.pan_deg, free.joints.pan_deg)
+    return TorqueOnOffPair(torque_on_ut, torque_off_ut, held.joints.pan_deg, free.joints.pan_deg)
 
 
 def torque_field(
-    pairs: Sequence[HeldAndFree], stage_hard_ut: Sequence[float], horizontal_ut: float, capture_angles: int
+    pairs: Sequence[TorqueOnOffPair],
+    stage_hard_ut: Sequence[float],
+    horizontal_ut: float,
+    capture_angles: int,
 ) -> TorqueField:
-    """The difference of the readings, but for the turn of a head that gave way when it was let go.
+    """Difference of the readings, corrected for the rotation of a head that moved when the torque went off.
 
-    ``capture_angles`` is at how many pan angles a capture reads the compass before its pictures.
+    ``capture_angles`` is the number of pan angles at which a capture reads the compass before its pictures.
     """
     hard_ut = np.array(stage_hard_ut)
     changes = []
     for pair in pairs:
-        gave_way = np.radians(pair.free_pan_deg - pair.held_pan_deg)
+        gave_way = np.radians(pair.torque_off_pan_deg - pair.torque_on_pan_deg)
         c, s = np.cos(gave_way), np.sin(gave_way)
-        x, y, z = pair.free_ut - hard_ut
-        changes.append(pair.held_ut - hard_ut - [c * x + s * y, -s * x + c * y, z])
+        x, y, z = pair.torque_off_ut - hard_ut
+        changes.append(pair.torque_on_ut - hard_ut - [c * x + s * y, -s * x + c * y, z])
     change_ut = np.array(changes)
     mean_ut = change_ut.mean(axis=0)
     off_ut = change_ut[:, :2] - mean_ut[:2]

@@ -1,8 +1,8 @@
-"""The accelerometer's errors from readings at many pan and tilt angles: the two-position method made continuous.
+"""Fit of the accelerometer's errors from readings at many pan and tilt angles (a generalised two-position test).
 
-What turns with the head is the sensor's error, what does not is the slope of the base. Turning the pan separates zero and
-slope, tilting separates an error of the zero from a chip that sits askew, and the length of gravity tells the scale. The tilt
-joint's own zero cannot be told from a chip that is tilted: the head is taken to be where the tilt servo says, on average.
+The sensor's error is fixed to the head, the base's slope is not. Turning the pan separates zero error and slope,
+tilting separates zero error and mounting, and the length of gravity determines the scale. A zero error of the tilt
+joint cannot be separated from a tilted chip: on average the head is assumed to be where the tilt servo says.
 """
 
 from collections.abc import Sequence
@@ -15,14 +15,14 @@ from scipy.spatial.transform import Rotation
 from rig.attitude.accelerometer import AccelerometerCorrection, Triple
 from rig.attitude.kinematics import JointAngles
 from rig.attitude.level import tilt_roll_deg
-from rig.calibrate.solve import solve
+from rig.calibrate.least_squares import solve
 from rig.config.calibration_files import CalibrationError
 
 Vector = NDArray[np.float64]
 
-LEAST_ANGLES = 6
+MIN_ANGLES = 6
 APART_DEG = 10.0
-LEAST_SPAN_DEG = 180.0
+MIN_SPAN_DEG = 180.0
 RMS_LIMIT_DEG = 0.02
 MOUNTING_LIMIT_DEG = 20.0
 SCALE_LIMIT = 0.15
@@ -37,7 +37,7 @@ USUAL_TEMPERATURE_C = 20.0
 
 @dataclass(frozen=True)
 class TiltReading:
-    """What the chip read (3,), g, in head axes and uncorrected, with the joints there; z is NaN for a two-axis chip."""
+    """Uncorrected reading of the chip (3,), g, in head axes, with the joints; z is NaN for a two-axis chip."""
 
     joints: JointAngles
     measured_g: Triple
@@ -46,9 +46,10 @@ class TiltReading:
 
 @dataclass(frozen=True)
 class InclinometerFit:
-    """The correction; the base's slope as a by-product; and how well it all fits.
+    """The correction, the base's slope, and the quality of the fit.
 
-    ``residuals_deg`` (n, 3) are what is left of each reading, as angles; ``pan_deg``, ``tilt_deg`` (n,) where it was taken.
+    ``residuals_deg`` (n, 3) are the residuals of each reading as angles; ``pan_deg``, ``tilt_deg`` (n,) its joint
+    angles.
     """
 
     correction: AccelerometerCorrection
@@ -65,9 +66,9 @@ class InclinometerFit:
 def fit_inclinometer(
     readings: Sequence[TiltReading], joint_sigma_deg: float, drift_mg_c: Triple = (0.0, 0.0, 0.0)
 ) -> InclinometerFit:
-    """Fit zero, scale and mounting. ``CalibrationError`` where readings are too few or fit no rigid head.
+    """Fit zero, scale and mounting. ``CalibrationError`` if the readings are too few or fit no rigid head.
 
-    ``joint_sigma_deg`` is how far from what its encoder says a joint may be. ``drift_mg_c`` is known beforehand.
+    ``joint_sigma_deg`` is the sigma of a joint angle. ``drift_mg_c`` is the known temperature drift.
     """
     _require_turn([reading.joints.pan_deg for reading in readings])
     pan = np.radians([reading.joints.pan_deg for reading in readings])
@@ -83,7 +84,7 @@ def fit_inclinometer(
         pitch, roll = unknowns[:2]
         zero, scale, turn = unknowns[2:5], 1.0 + unknowns[5:8], unknowns[8:11]
         up = _up_in_head(pitch, roll, pan + unknowns[11 : 11 + n], tilt + unknowns[11 + n :])
-        # Mounting turns what is measured into head axes, so what the chip sees is turned back.
+        # The mounting rotates measurements into head axes, so the model of a measurement uses its inverse.
         seen_by_chip = up @ Rotation.from_rotvec(turn).as_matrix()
         return np.asarray((measured - (seen_by_chip * scale + zero))[seen])
 
@@ -117,7 +118,7 @@ def fit_inclinometer(
 
 def _up_in_head(pitch: float, roll: float, pan: Vector, tilt: Vector) -> Vector:
     """Up (n, 3) in head axes for a base with this slope (heading does not matter)."""
-    # Up in the base: sin(pitch) ahead, and what is left leans to the left for a roll to the right.
+    # Up in the base: sin(pitch) forward, and the rest leans to the left for a roll to the right.
     up = np.array([-np.cos(pitch) * np.sin(roll), np.sin(pitch), np.cos(pitch) * np.cos(roll)])
     x = np.cos(pan) * up[0] - np.sin(pan) * up[1]
     ahead = np.sin(pan) * up[0] + np.cos(pan) * up[1]
@@ -127,7 +128,7 @@ def _up_in_head(pitch: float, roll: float, pan: Vector, tilt: Vector) -> Vector:
 
 
 def _sigmas_deg(nine: Vector, covariance: Vector, three_axes: bool) -> tuple[float, float]:
-    """How well tilt and roll are known after correction, at the tilts of use: the covariance carried through it."""
+    """Sigmas of corrected tilt and roll at the tilts of use: the covariance propagated."""
     tilts = np.radians(USE_TILTS_DEG)
     up = np.column_stack([np.zeros_like(tilts), np.sin(tilts), np.cos(tilts)])
     measured = up @ Rotation.from_rotvec(nine[6:9]).as_matrix() * (1.0 + nine[3:6]) + nine[:3]
@@ -148,7 +149,7 @@ def _sigmas_deg(nine: Vector, covariance: Vector, three_axes: bool) -> tuple[flo
 def _correction(
     nine: Vector, at_c: float | None, drift_mg_c: Triple = (0.0, 0.0, 0.0)
 ) -> AccelerometerCorrection:
-    """From the unknowns: zero in g, error of the scale, mounting in radians."""
+    """The correction from the unknowns: zero in g, scale error, mounting in radians."""
     return AccelerometerCorrection(
         _triple(nine[:3] * 1000.0),
         _triple(1.0 + nine[3:6]),
@@ -161,15 +162,15 @@ def _correction(
 def _require_turn(pans_deg: Sequence[float]) -> None:
     angles = np.sort(pans_deg)
     distinct = 1 + int(np.sum(np.diff(angles) > APART_DEG))
-    if distinct < LEAST_ANGLES:
+    if distinct < MIN_ANGLES:
         raise CalibrationError(
             f"inclinometer: {distinct} pan angles are too few to tell its error from the slope; "
-            f"read it at {LEAST_ANGLES} or more, {APART_DEG:g} deg apart"
+            f"read it at {MIN_ANGLES} or more, {APART_DEG:g} deg apart"
         )
-    if angles[-1] - angles[0] < LEAST_SPAN_DEG:
+    if angles[-1] - angles[0] < MIN_SPAN_DEG:
         raise CalibrationError(
             f"inclinometer: the pan turned through {angles[-1] - angles[0]:.0f} deg only; "
-            f"turn it through {LEAST_SPAN_DEG:g} or more"
+            f"turn it through {MIN_SPAN_DEG:g} or more"
         )
 
 

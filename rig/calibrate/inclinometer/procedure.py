@@ -1,4 +1,4 @@
-"""Calibrate the inclinometer: turn the head through many pan and tilt angles, read, fit, show."""
+"""Inclinometer calibration: move the head through many pan and tilt angles, read, fit, show."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -12,20 +12,20 @@ from rig.attitude.level import HeadLevel
 from rig.calibrate.figures import new_figure
 from rig.calibrate.inclinometer.fit import InclinometerFit, TiltReading, fit_inclinometer
 from rig.calibrate.inclinometer.temperature import read_drift
-from rig.calibrate.result import Session
-from rig.capture.measure import still_level
+from rig.calibrate.run import CalibrationRun
+from rig.capture.averaged_readings import still_level
 from rig.config.calibration_files import CalibrationError, InclinometerCalibration
 from rig.config.sections import PanTiltSection
 from rig.devices.connect import Rig, connect
 
-TILTS_DEG = (-40.0, 45.0, 60.0)  # far apart: what the scale and the mounting lack grows with the tilt
+TILTS_DEG = (-40.0, 45.0, 60.0)  # far apart: errors of scale and mounting grow with the tilt
 FROM_LIMIT_DEG = 4.0
 MOVED_LIMIT_DEG = 0.03
 
 
-def calibrate_inclinometer(session: Session, angles: int, temperature_log: Path | None) -> None:
-    """Guide, measure, fit and write. ``CalibrationError`` with the reason where the result is not to be trusted."""
-    config, guide = session.config, session.guide
+def calibrate_inclinometer(run: CalibrationRun, angles: int, temperature_log: Path | None) -> None:
+    """Guide the operator, measure, fit and write. ``CalibrationError`` says why a result is rejected."""
+    config, guide = run.config, run.guide
     drift_mg_c: Triple = config.inclinometer.drift_mg_c
     if temperature_log is not None:
         drift = read_drift(temperature_log)
@@ -42,7 +42,7 @@ def calibrate_inclinometer(session: Session, angles: int, temperature_log: Path 
     fit = fit_inclinometer(readings, config.pan_tilt.azimuth_sigma_deg, drift_mg_c)
     correction = fit.correction
     document = InclinometerCalibration(
-        **session.header("inclinometer", device),
+        **run.header("inclinometer", device),
         chip=config.inclinometer.chip,
         axes=config.inclinometer.axes,
         zero_mg=correction.zero_mg,
@@ -70,13 +70,13 @@ def calibrate_inclinometer(session: Session, angles: int, temperature_log: Path 
         ("vehicle: pitch, roll, deg", f"{fit.base_pitch_deg:.3f}, {fit.base_roll_deg:.3f}", ""),
         ("residual rms, deg", f"{fit.rms_deg:.4f}", f"{len(readings)} readings"),
     ]
-    session.finish(document, rows, draw(fit))
+    run.finish(document, rows, draw(fit))
 
 
 def measure(rig: Rig, angles: int, say: Callable[[str], None]) -> list[TiltReading]:
-    """Read the head at ``angles`` pan angles, at tilt 0 and another tilt at each; the first position once more at the end.
+    """Read the head at ``angles`` pan angles, each at tilt 0 and another tilt; the first position again at the end.
 
-    ``CalibrationError`` where that one has changed: the vehicle has moved.
+    ``CalibrationError`` if that reading has changed: the vehicle has moved.
     """
     section = rig.config.inclinometer
     positions = stations(rig.config.pan_tilt, angles)
@@ -100,13 +100,13 @@ def measure(rig: Rig, angles: int, say: Callable[[str], None]) -> list[TiltReadi
 
 
 def reading_of(joints: JointAngles, level: HeadLevel, chip: str) -> TiltReading:
-    """A reading as the fit takes it: a two-axis chip has no z of its own."""
+    """A reading as input of the fit; a two-axis chip has no z of its own."""
     x, y, z = level.mean_g
     return TiltReading(joints, (x, y, np.nan if chip == "iis2iclx" else z), level.temperature_c)
 
 
 def stations(section: PanTiltSection, angles: int) -> list[JointAngles]:
-    """Where to read: pan angles all round, at each tilt 0 and one of ``TILTS_DEG`` as far as the head reaches."""
+    """Joint positions: pan angles over the full range, each with tilt 0 and one of ``TILTS_DEG`` within the limits."""
     pan, tilt = section.pan, section.tilt
     pans_deg = np.linspace(pan.min_deg + FROM_LIMIT_DEG, pan.max_deg - FROM_LIMIT_DEG, angles)
     tilts_deg = [
@@ -115,7 +115,7 @@ def stations(section: PanTiltSection, angles: int) -> list[JointAngles]:
     found = []
     for i, pan_deg in enumerate(pans_deg.tolist()):
         pair = [JointAngles(pan_deg, 0.0), JointAngles(pan_deg, tilts_deg[i % len(tilts_deg)])]
-        found += pair if i % 2 == 0 else pair[::-1]  # so that play in the gears is met from both sides
+        found += pair if i % 2 == 0 else pair[::-1]  # alternating, so that backlash enters from both sides
     return found
 
 

@@ -1,4 +1,4 @@
-"""How the accelerometer's zero drifts with temperature, from a log of a head that did not move."""
+"""Temperature drift of the accelerometer's zero, from a log of a head that did not move."""
 
 import csv
 import io
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from localizer.documents import DocumentError, read_file
 from localizer.os_errors import why_not_written
 from rig.attitude.accelerometer import Triple
-from rig.capture.measure import read_level, utc_text
+from rig.capture.averaged_readings import read_level, utc_text
 from rig.clock import Instant
 from rig.config.calibration_files import CalibrationError
 from rig.config.sections import InclinometerSection
@@ -22,17 +22,17 @@ from rig.devices.connect import Inclinometer
 Vector = NDArray[np.float64]
 
 COLUMNS = ("time", "temperature_c", "x_g", "y_g", "z_g")
-LEAST_SPAN_C = 8.0
-LEAST_READINGS = 10
+MIN_SPAN_C = 8.0
+MIN_READINGS = 10
 RMS_LIMIT_MG = 0.5
 PERIOD_S = 10.0
-MOST_LOG_BYTES = 100_000_000
+MAX_LOG_BYTES = 100_000_000
 """Years of readings."""
 
 
 @dataclass(frozen=True)
 class Drift:
-    """Change of the zero error with each degree, per head axis, thousandths of g, and its sigma."""
+    """Change of the zero error per degree Celsius and head axis, mg, and its sigma."""
 
     drift_mg_c: Triple
     sigma_mg_c: Triple
@@ -62,14 +62,14 @@ def record_temperature_log(
 
 
 def read_drift(path: Path) -> Drift:
-    """The drift in a log. ``CalibrationError`` where it cannot be read, is too short, or the head moved meanwhile."""
+    """The drift in a log. ``CalibrationError`` if it cannot be read, is too short, or the head moved."""
     log = _read(path)
     temperature, vectors = log[:, 0], log[:, 1:]
     span_c = float(np.ptp(temperature))
-    if len(log) < LEAST_READINGS or span_c < LEAST_SPAN_C:
+    if len(log) < MIN_READINGS or span_c < MIN_SPAN_C:
         raise CalibrationError(
-            f"{path}: {len(log)} readings over {span_c:.1f} C tell no drift; log {LEAST_READINGS} or more "
-            f"over {LEAST_SPAN_C:g} C or more"
+            f"{path}: {len(log)} readings over {span_c:.1f} C tell no drift; log {MIN_READINGS} or more "
+            f"over {MIN_SPAN_C:g} C or more"
         )
     design = np.column_stack([temperature - temperature.mean(), np.ones(len(log))])
     solution, *_ = np.linalg.lstsq(design, vectors, rcond=None)
@@ -85,7 +85,7 @@ def read_drift(path: Path) -> Drift:
 
 def _read(path: Path) -> Vector:
     try:
-        text = read_file(path, MOST_LOG_BYTES).decode("utf-8-sig")
+        text = read_file(path, MAX_LOG_BYTES).decode("utf-8-sig")
         rows = list(csv.DictReader(io.StringIO(text, newline="")))
     except (OSError, UnicodeDecodeError, DocumentError, csv.Error) as error:
         raise CalibrationError(f"{path}: cannot be read as CSV: {error}; name a temperature log") from error

@@ -1,4 +1,4 @@
-"""Darker pictures of a view whose sky is burnt out: a bright sky takes haze, snow and thin ridges before it with it."""
+"""Exposure bracketing: darker pictures where the sky is overexposed, which hides haze, snow and thin ridges below it."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from localizer.skyline.find import CONFIDENT, ColumnState, Skyline, find_skyline
-from rig.devices.camera.camera import Camera, TimedFrame, average
+from rig.devices.camera.driver import Camera
+from rig.devices.camera.frames import TimedFrame, average
 from rig.errors import DeviceError
 from rig.fault_notes import note_fault
 
@@ -14,7 +15,7 @@ Image = NDArray[np.uint8]
 
 STEPS_EV = (-1.0, -2.0, -3.0)
 BURNT_LEVEL = 250
-ABOVE_PX = (3, 8)  # over the skyline: clear of its edge, and near enough for what the sky took to be there
+ABOVE_PX = (3, 8)  # rows above the skyline: clear of its edge, and near enough to show overexposure
 BURNT_LIMIT = 0.2  # of the columns
 
 
@@ -28,7 +29,7 @@ class Pictures:
 
     @property
     def sure_share(self) -> float:
-        """Of the columns: those whose skyline is sure."""
+        """Share of columns with a confident skyline."""
         sure = (self.skyline.state == ColumnState.OK) & (self.skyline.confidence >= CONFIDENT)
         return float(np.mean(sure))
 
@@ -40,7 +41,7 @@ def pictures_of(frames: list[TimedFrame]) -> Pictures:
 
 
 def burnt_share(image: Image, skyline: Skyline) -> float:
-    """Of the columns: those whose sky is burnt out just above the skyline, or in which all is sky and so at the bottom."""
+    """Share of columns whose sky is overexposed just above the skyline, or at the bottom of an all-sky column."""
     burnt = image.min(axis=2) >= BURNT_LEVEL
     height, width = burnt.shape
     all_sky = skyline.state == ColumnState.NO_TERRAIN
@@ -51,17 +52,17 @@ def burnt_share(image: Image, skyline: Skyline) -> float:
 
 
 def bracketed(camera: Camera, usual: Pictures) -> Pictures:
-    """``usual``, or the brightest darker one whose sky is not burnt out, else the one that shows most of the skyline.
+    """``usual``, or the brightest darker exposure whose sky is not overexposed, else the one with most skyline.
 
-    A camera whose exposure cannot be set is left as it is. What is taken in place of ``usual`` is noted.
+    A camera without settable exposure is left alone. A replacement of ``usual`` is noted.
     """
-    if burnt_share(usual.image_bgr, usual.skyline) <= BURNT_LIMIT or not camera.can_expose:
+    if burnt_share(usual.image_bgr, usual.skyline) <= BURNT_LIMIT or not camera.exposure_is_settable:
         return usual
     tried = [(0.0, usual)]
     try:
         for ev in STEPS_EV:
             camera.expose(ev)
-            darker = pictures_of(camera.frames_after(camera.settled_s(), len(usual.frames)))
+            darker = pictures_of(camera.frames_after(camera.exposure_settled_at_s(), len(usual.frames)))
             tried.append((ev, darker))
             if burnt_share(darker.image_bgr, darker.skyline) <= BURNT_LIMIT:
                 break
@@ -77,7 +78,7 @@ def bracketed(camera: Camera, usual: Pictures) -> Pictures:
 
 
 def restore(camera: Camera) -> None:
-    """Back to the camera's own exposure; where that fails the next pictures are dark, and a note says why."""
+    """Restore the camera's automatic exposure; a failure is noted, as the next pictures are then dark."""
     try:
         camera.expose(0.0)
     except DeviceError as error:

@@ -1,4 +1,4 @@
-"""Where to tilt so that the whole skyline lies in the picture, away from its edges."""
+"""Tilt correction that brings the whole skyline into the picture, away from its edges."""
 
 import math
 
@@ -7,18 +7,18 @@ import numpy as np
 from localizer.skyline.find import CONFIDENT, ColumnState, Skyline
 
 EXTENT_PERCENT = (2.0, 98.0)  # a bush or a pole may stick out
-BEYOND_EDGE = 0.1  # of the height: where a skyline is taken to be that lies outside the picture
+BEYOND_EDGE = 0.1  # of the height: assumed distance of a skyline outside the picture
 COLUMNS_NEEDED = 0.1  # of the width
-CENTRED = 0.05  # of the height: near enough for a skyline that does not fit
+CENTRED = 0.05  # of the height: tolerance for a skyline that does not fit
 
 
 def tilt_correction_deg(
     skyline: Skyline, fy_px: float, height_px: int, margin_fraction: float
 ) -> float | None:
-    """How much further up the camera should look; 0 where the skyline lies well, None where there is none to go by.
+    """Tilt to add; 0 if the skyline is well placed, None without a skyline.
 
-    Well: ``margin_fraction`` of the height away from the upper and the lower edge. A skyline that is too high for
-    that is to have its median in the middle.
+    Well placed: ``margin_fraction`` of the height away from the upper and lower edge. A skyline too high for that gets
+    its median into the middle.
     """
     confident = (skyline.state == ColumnState.OK) & (skyline.confidence >= CONFIDENT)
     rows = np.concatenate(
@@ -38,16 +38,16 @@ def tilt_correction_deg(
     shift_px = (height_px - 1) / 2 - float((top + bottom) / 2 if fits else np.median(rows))
     if not fits and abs(shift_px) < CENTRED * height_px:
         return 0.0
-    # Looking further up moves the skyline down the picture, to higher rows.
+    # Tilting up moves the skyline down the picture, to higher rows.
     return math.degrees(math.atan(shift_px / fy_px))
 
 
 def confident_fraction(skyline: Skyline) -> float:
-    """Share of the columns with a skyline that can be relied on."""
+    """Share of columns with a confident skyline."""
     confident = (skyline.state == ColumnState.OK) & (skyline.confidence >= CONFIDENT)
     return float(np.mean(confident))
 
 
 def state_counts(skyline: Skyline) -> dict[str, int]:
-    """How many columns are in which state, by its name in lower case."""
+    """Number of columns in each state, by its name in lower case."""
     return {state.name.lower(): int(np.count_nonzero(skyline.state == state)) for state in ColumnState}

@@ -1,4 +1,4 @@
-"""Pictures of one view that can be relied on: taken again where they are black, frozen, old, blurred or burnt out."""
+"""Takes the pictures of one view, again if they are black, frozen, stale, blurred or overexposed."""
 
 import time
 from collections.abc import Sequence
@@ -10,12 +10,12 @@ from rig.attitude.kinematics import JointAngles
 from rig.capture.pictures.bracketing import Pictures, bracketed, pictures_of
 from rig.capture.pictures.quality import Seen, blur, defect, thumbnail
 from rig.devices.bus.retry import retry
-from rig.devices.camera.camera import Camera
+from rig.devices.camera.driver import Camera
 from rig.errors import TransientError
 
 TRIES = 6
 WITHIN_S = 8.0
-PAUSE_S = 0.1  # doubled each time: a camera that lags by some seconds has caught up by the end
+PAUSE_S = 0.1  # doubles each time, to cover a camera that lags by some seconds
 
 REMEDIES = {
     "is black": "look at the lens cap, the light and the camera's exposure",
@@ -30,8 +30,8 @@ def take_pictures(
 ) -> Pictures:
     """``count`` frames that arrive no earlier than a moment (monotonic) while the head stands at ``joints``.
 
-    ``seen`` are earlier views. A burnt-out sky is taken darker where the camera lets itself be told. Raises ``DeviceError`` as
-    the camera does, and where the pictures do not get better.
+    ``seen`` are earlier views. An overexposed sky is bracketed if the exposure is settable. Raises ``DeviceError`` as
+    the camera does, and if the pictures do not become usable.
     """
     begins_s = not_before_s
 
@@ -52,7 +52,7 @@ def take_pictures(
 
 
 def seen_at(joints: JointAngles, image_bgr: NDArray[np.uint8]) -> Seen:
-    """What later views are compared with."""
+    """The view's entry for later comparisons."""
     return Seen(joints.pan_deg, joints.tilt_deg, thumbnail(image_bgr))
 
 

@@ -1,4 +1,4 @@
-"""The daemon over HTTP: what it knows, for programs and as a page, and one thing to do (``POST /capture``)."""
+"""The daemon's HTTP API and web page: the state, and one action (``POST /capture``)."""
 
 from rig.daemon.http.server import serving
 

@@ -1,4 +1,4 @@
-"""All paths of the server."""
+"""The FastAPI application with all paths."""
 
 import asyncio
 import re
@@ -17,10 +17,11 @@ from starlette.responses import FileResponse, JSONResponse, Response
 from localizer.errors import SkyfixError
 from rig.clock import Instant
 from rig.config.run import HttpServer
+from rig.daemon.heartbeat import Heartbeats
+from rig.daemon.http.access_control import HostCheck, token_check
 from rig.daemon.http.bundles import NOT_FOUND, BundleStore, Limit, bundle_routes
-from rig.daemon.http.guard import Guard, token_check
+from rig.daemon.http.event_streams import EventStreams, Stream, TooManyStreamsError
 from rig.daemon.http.health import add_health
-from rig.daemon.http.intake import Intake
 from rig.daemon.http.map import ReliefMap
 from rig.daemon.http.metrics import metrics_registry
 from rig.daemon.http.models import (
@@ -38,17 +39,16 @@ from rig.daemon.http.models import (
     state_of,
     track_point,
 )
-from rig.daemon.http.relay import Relay, Stream, TooManyStreamsError
-from rig.daemon.obstacle import reason
-from rig.daemon.progress import Loops
-from rig.daemon.publish.published import newest
-from rig.daemon.state import Actions, Board
+from rig.daemon.http.request_limits import RequestLimits
+from rig.daemon.publish.published import newest_answer
+from rig.daemon.readiness import why_not_ready_in_full
+from rig.daemon.state import Actions, DaemonState
 from rig.version import package_version
 
 PAGE = Path(__file__).parent / "page"
-MOST_THREADS = 8
-"""For what reads the disk; one picture each is enough for a page."""
-LOOP, BEAT_S, LONGEST_S = "http", 2.0, 30.0
+MAX_THREADS = 8
+"""Threads for requests that read the disk; one picture each is enough for the page."""
+LOOP, BEAT_S, MAX_INTERVAL_S = "http", 2.0, 30.0
 DESCRIPTION = (
     "Where the vehicle is, and how that is known. Reading is open to whoever reaches the server; what acts wants the "
     "token. An answer is of the moment of its capture: see age_s and current before using one."
@@ -61,20 +61,20 @@ TROUBLE: dict[int | str, dict[str, Any]] = {
 
 def make_app(
     section: HttpServer,
-    board: Board,
+    daemon_state: DaemonState,
     actions: Actions,
     spool: BundleStore,
-    relay: Relay,
+    event_streams: EventStreams,
     relief: ReliefMap,
     token: str | None,
-    loops: Loops | None = None,
+    heartbeats: Heartbeats | None = None,
 ) -> FastAPI:
-    """The application; everything that it needs is given, and nothing else is reached."""
+    """Build the application. It uses only what is passed in."""
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
-        anyio.to_thread.current_default_thread_limiter().total_tokens = MOST_THREADS
-        async with relay.running(), _proving_progress(loops):
+        anyio.to_thread.current_default_thread_limiter().total_tokens = MAX_THREADS
+        async with event_streams.running(), _sending_heartbeats(heartbeats):
             yield
 
     app = FastAPI(
@@ -85,15 +85,15 @@ def make_app(
         docs_url=None,
         redoc_url=None,
     )
-    app.add_middleware(Intake)
-    app.add_middleware(Guard, names=section.names)
-    _add_state(app, section, board, token is not None)
-    add_health(app, board, loops)
-    _add_events(app, relay)
-    _add_actions(app, actions, board, token)
+    app.add_middleware(RequestLimits)
+    app.add_middleware(HostCheck, names=section.names)
+    _add_state(app, section, daemon_state, token is not None)
+    add_health(app, daemon_state, heartbeats)
+    _add_events(app, event_streams)
+    _add_actions(app, actions, daemon_state, token)
     _add_map(app, spool, relief)
     app.include_router(bundle_routes(spool), responses=TROUBLE)
-    registry = metrics_registry(board, relay)
+    registry = metrics_registry(daemon_state, event_streams)
 
     @app.get(
         "/metrics", tags=["state"], response_class=Response, responses={200: {"content": {"text/plain": {}}}}
@@ -115,18 +115,18 @@ def make_app(
 
 
 @asynccontextmanager
-async def _proving_progress(loops: Loops | None) -> AsyncIterator[None]:
-    """Beat for the server's loop while the context lasts."""
-    if loops is None:
+async def _sending_heartbeats(heartbeats: Heartbeats | None) -> AsyncIterator[None]:
+    """Send heartbeats for the server's loop while the context lasts."""
+    if heartbeats is None:
         yield
         return
 
     async def beat() -> None:
         while True:
-            loops.beat(LOOP)
+            heartbeats.beat(LOOP)
             await asyncio.sleep(BEAT_S)
 
-    with loops.watched(LOOP, LONGEST_S):
+    with heartbeats.watched(LOOP, MAX_INTERVAL_S):
         beating = asyncio.create_task(beat())
         try:
             yield
@@ -135,7 +135,7 @@ async def _proving_progress(loops: Loops | None) -> AsyncIterator[None]:
 
 
 class _Page(StaticFiles):
-    """The page's files; a browser asks each time whether they have changed."""
+    """The page's files, revalidated by the browser at each use."""
 
     def file_response(self, *args: Any, **kwargs: Any) -> Response:
         response = super().file_response(*args, **kwargs)
@@ -143,15 +143,15 @@ class _Page(StaticFiles):
         return response
 
 
-def _add_state(app: FastAPI, section: HttpServer, board: Board, can_act: bool) -> None:
+def _add_state(app: FastAPI, section: HttpServer, daemon_state: DaemonState, can_act: bool) -> None:
     @app.get("/fix", tags=["state"], responses=NOT_FOUND)
     async def fix() -> FixAnswer:
         """The answer to the newest capture, whatever its status, with its age; 404 as long as there is none.
 
         Where that is no fix, ``last_fix`` is the last one, with its own age.
         """
-        snapshot = board.snapshot()
-        last = newest(snapshot)
+        snapshot = daemon_state.snapshot()
+        last = newest_answer(snapshot)
         if last is None:
             raise HTTPException(404, "no answer yet: nothing has been located")
         return fix_answer(last, snapshot, section.valid_s, Instant.now())
@@ -159,13 +159,13 @@ def _add_state(app: FastAPI, section: HttpServer, board: Board, can_act: bool) -
     @app.get("/status", tags=["state"])
     async def status() -> State:
         """Everything at this moment: devices, activity, the latest answer and the latest fix."""
-        return state_of(board.snapshot(), section.valid_s, can_act, Instant.now())
+        return state_of(daemon_state.snapshot(), section.valid_s, can_act, Instant.now())
 
 
-def _add_events(app: FastAPI, relay: Relay) -> None:
+def _add_events(app: FastAPI, event_streams: EventStreams) -> None:
     async def stream() -> AsyncIterator[Stream]:
         try:
-            with relay.stream() as waiting:
+            with event_streams.stream() as waiting:
                 yield waiting
         except TooManyStreamsError:
             raise HTTPException(503, "too many readers of events", {"Retry-After": "5"}) from None
@@ -185,28 +185,28 @@ def _add_events(app: FastAPI, relay: Relay) -> None:
         Begins with what was missed since ``Last-Event-ID``; without it with the latest answer, if there is one.
         """
         yield ServerSentEvent(comment="skyfix", retry=3000)
-        told = -1
-        number = re.fullmatch(r"[0-9]{1,18}", last_event_id or "")  # whatever else it says is none of ours
-        for event in relay.before(int(number[0]) if number else None):
-            told = event.number
+        last_sent = -1
+        number = re.fullmatch(r"[0-9]{1,18}", last_event_id or "")  # anything else is not an id of ours
+        for event in event_streams.before(int(number[0]) if number else None):
+            last_sent = event.number
             yield ServerSentEvent(data=log_event(event), event=event.kind, id=str(event.number))
         while (event_or_end := await waiting.get()) is not None:
             event = event_or_end
-            if event.number > told:
+            if event.number > last_sent:
                 yield ServerSentEvent(data=log_event(event), event=event.kind, id=str(event.number))
 
     @app.get("/log", tags=["events"])
     async def log() -> list[LogEvent]:
         """The last events, oldest first."""
-        return [log_event(event) for event in relay.recent()]
+        return [log_event(event) for event in event_streams.recent()]
 
 
-def _add_actions(app: FastAPI, actions: Actions, board: Board, token: str | None) -> None:
+def _add_actions(app: FastAPI, actions: Actions, daemon_state: DaemonState, token: str | None) -> None:
     @app.post(
         "/capture",
         tags=["actions"],
         status_code=202,
-        dependencies=[Depends(token_check(token, board.count))],
+        dependencies=[Depends(token_check(token, daemon_state.count))],
         responses={
             401: {
                 "model": Problem,
@@ -224,7 +224,7 @@ def _add_actions(app: FastAPI, actions: Actions, board: Board, token: str | None
         """Begin a capture. One at a time, and nothing is queued."""
         answer = actions.trigger("http")
         if answer != "started":
-            why = f": {reason(board)}" if answer == "not ready" else ""
+            why = f": {why_not_ready_in_full(daemon_state)}" if answer == "not ready" else ""
             raise HTTPException(TRIGGER_STATUS[answer], f"{TRIGGER_PROBLEM[answer]}{why}")
         return CaptureAnswer(answer=answer)
 

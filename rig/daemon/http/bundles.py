@@ -1,7 +1,7 @@
-"""The spool's bundles: the list, and of each the document, the frames, the skylines and the answer.
+"""The spool's bundles over HTTP: list, document, frames, skylines and answer.
 
-What is asked for only ever selects among names that the index or ``bundle.json`` has; no path is put together from it. The
-file that comes out has to lie, links followed, in the bundle's folder, and that in the spool.
+Requests only select among names in the index or in ``bundle.json``; no path is built from them. The file served must
+lie, links resolved, in the bundle's folder, and that in the spool.
 """
 
 import mimetypes
@@ -34,7 +34,7 @@ NEVER_CHANGES = {"Cache-Control": "private, max-age=86400, immutable"}
 
 
 class BundleStore(Protocol):
-    """What is asked of the spool (``rig.daemon.spool.spool``)."""
+    """The part of the spool that is used here (``rig.daemon.spool.store``)."""
 
     @property
     def bundles_dir(self) -> Path: ...
@@ -123,7 +123,7 @@ def _folder(spool: BundleStore, bundle_id: str) -> Path:
 
 
 def file_inside(folder: Path, name: str) -> Path:
-    """A plain file in a folder, links followed; 404 for one that is absent or elsewhere."""
+    """A regular file in a folder, links resolved; 404 if it is absent or elsewhere."""
     file = (folder / name).resolve()
     if not file.is_relative_to(folder.resolve()) or not file.is_file():
         raise HTTPException(404, f"{folder.name} has no {name}")

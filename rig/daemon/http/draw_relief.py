@@ -1,6 +1,6 @@
-"""A process of its own that draws a DEM: ``python -m rig.daemon.http.draw_relief DEM``, a ``DemChoice`` as JSON.
+"""Separate process that draws a DEM: ``python -m rig.daemon.http.draw_relief DEM``, a ``DemChoice`` as JSON.
 
-Standard output gets one line of JSON, the fields of ``MapSheet`` but for ``image``, and then the picture, WebP.
+Writes one line of JSON, the fields of ``MapSheet`` except ``image``, and then the picture (WebP) to standard output.
 """
 
 import json
@@ -16,13 +16,13 @@ from localizer.documents import json_values
 from localizer.errors import SkyfixError
 from localizer.show.relief import dem_bounds_m, relief_image
 
-LEAST_PX, MOST_PX = 800, 2000
+MIN_PX, MAX_PX = 800, 2000
 PX_A_CELL = 2
 QUALITY = 85
 SCALES = 9
-"""Between them a map's scale runs straight to better than 1e-3."""
+"""Between these samples a map's scale is linear to better than 1e-3."""
 NICENESS = 5
-"""Nobody waits for a map while the head has to be moved."""
+"""The map has lower priority than the control of the head."""
 
 
 def main(choice: str) -> int:
@@ -34,7 +34,7 @@ def main(choice: str) -> int:
         print(error, file=sys.stderr)
         return 2
     bounds_m = dem_bounds_m(dem)
-    pixels = int(np.clip(PX_A_CELL * max(dem.rows, dem.cols), LEAST_PX, MOST_PX))
+    pixels = int(np.clip(PX_A_CELL * max(dem.rows, dem.cols), MIN_PX, MAX_PX))
     image = np.round(255.0 * relief_image(dem, bounds_m, pixels)).astype(np.uint8)
     ok, webp = cv2.imencode(".webp", image[:, :, ::-1], [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
     assert ok

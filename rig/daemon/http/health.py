@@ -1,25 +1,27 @@
-"""``/healthz``: whether the daemon lives and could capture, in a few words, for whoever restarts or alarms."""
+"""``/healthz``: liveness and readiness of the daemon, for supervisors and alarms."""
 
 from fastapi import FastAPI
 from starlette.responses import JSONResponse
 
-from rig.daemon.obstacle import obstacle
-from rig.daemon.progress import Loops
-from rig.daemon.state import Board
+from rig.daemon.heartbeat import Heartbeats
+from rig.daemon.readiness import why_not_ready
+from rig.daemon.state import DaemonState
 from rig.version import package_version
 
 
-def add_health(app: FastAPI, board: Board, loops: Loops | None) -> None:
-    """200 while all of the daemon's loops get on, 503 where one does not. Not to be ready is no reason for a restart."""
+def add_health(app: FastAPI, daemon_state: DaemonState, heartbeats: Heartbeats | None) -> None:
+    """200 while all loops send heartbeats, 503 if one does not. Not being ready for a capture is no reason for a
+    restart.
+    """
 
     @app.get("/healthz", include_in_schema=False)
     async def healthz() -> JSONResponse:
-        stuck = [str(each) for each in loops.stuck()] if loops else []
-        hindrance = obstacle(board)
-        told = {
+        stuck = [str(each) for each in heartbeats.stuck()] if heartbeats else []
+        problem = why_not_ready(daemon_state)
+        body = {
             "alive": not stuck,
-            "ready": not stuck and hindrance is None,
+            "ready": not stuck and problem is None,
             "version": package_version(),
-            "problems": [*stuck, *([hindrance] if hindrance else [])],
+            "problems": [*stuck, *([problem] if problem else [])],
         }
-        return JSONResponse(told, 503 if stuck else 200)
+        return JSONResponse(body, 503 if stuck else 200)

@@ -1,6 +1,6 @@
-"""The map's ground: the DEM as shaded relief, drawn once by a process that is gone afterwards.
+"""The map's background: the DEM as shaded relief, drawn once by a separate process.
 
-The elevations and what reads and draws them would take some hundred megabytes of the daemon for good.
+A separate process, as drawing takes some hundred megabytes of memory.
 """
 
 import json
@@ -16,23 +16,23 @@ from localizer.dem.choice import DemChoice
 from rig.daemon.http.models import MapSheet
 from rig.errors import RigError
 
-WITHIN_S = 300.0
+DRAW_TIMEOUT_S = 300.0
 
 
 class MapError(RigError):
-    """There is no map."""
+    """The map cannot be drawn."""
 
 
 @dataclass(frozen=True)
 class Relief:
-    """The picture, WebP, and what it shows."""
+    """The picture (WebP) and its description."""
 
     sheet: MapSheet
     webp: bytes
 
 
 class ReliefMap:
-    """Drawn when first asked for; whoever asks meanwhile waits."""
+    """The relief, drawn at the first request; concurrent requests wait."""
 
     def __init__(self, dem: DemChoice | Sequence[Path]) -> None:
         self._dem = dem if isinstance(dem, DemChoice) else DemChoice(tuple(dem))
@@ -42,14 +42,14 @@ class ReliefMap:
         self._relief: Relief | None = None
 
     def get(self) -> Relief:
-        """The map. ``MapError`` where it cannot be drawn; the next to ask has it tried again."""
+        """The map. ``MapError`` if it cannot be drawn; the next request tries again."""
         with self._drawing:
             if self._relief is None:
                 self._relief = self._draw()
             return self._relief
 
     def end(self) -> None:
-        """Draw no more; from any thread."""
+        """Stop drawing; from any thread."""
         self._ended = True
         process = self._process
         if process is not None:
@@ -64,10 +64,10 @@ class ReliefMap:
             if self._ended:
                 process.kill()
             try:
-                out, problem = process.communicate(timeout=WITHIN_S)
+                out, problem = process.communicate(timeout=DRAW_TIMEOUT_S)
             except subprocess.TimeoutExpired:
                 process.kill()
-                raise MapError(f"the map took longer than {WITHIN_S:g} s to draw") from None
+                raise MapError(f"the map took longer than {DRAW_TIMEOUT_S:g} s to draw") from None
             finally:
                 self._process = None
         if process.returncode != 0:

@@ -1,4 +1,4 @@
-"""What a Prometheus server may collect: the board at the moment of asking, and how long answers took."""
+"""Prometheus metrics: the daemon state at the time of the request, and durations of answers."""
 
 import threading
 from collections.abc import Iterator
@@ -9,27 +9,27 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 from prometheus_client.registry import Collector
 
 from rig.clock import Instant
+from rig.daemon.http.event_streams import EventStreams
 from rig.daemon.http.models import age_s
-from rig.daemon.http.relay import Relay
-from rig.daemon.state import Activity, Answer, Board, DeviceState
+from rig.daemon.state import Activity, Answer, DaemonState, DeviceState
 
 SECONDS = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0)
 
 
-def metrics_registry(board: Board, relay: Relay) -> CollectorRegistry:
-    """A registry of its own: the process has others' metrics nowhere."""
+def metrics_registry(daemon_state: DaemonState, event_streams: EventStreams) -> CollectorRegistry:
+    """A separate registry: nothing of the default one is exported."""
     disable_created_metrics()  # type: ignore[no-untyped-call]  # when a histogram was made says nothing of the rig
     registry = CollectorRegistry()
-    registry.register(_BoardCollector(board, relay))
+    registry.register(_StateCollector(daemon_state, event_streams))
     return registry
 
 
-class _BoardCollector(Collector):
-    """Reads the board when it is asked. Durations are taken from each answer once, whoever asks how often."""
+class _StateCollector(Collector):
+    """Reads the daemon state at each request. Each answer's durations are counted once, however many clients ask."""
 
-    def __init__(self, board: Board, relay: Relay) -> None:
-        self._board = board
-        self._relay = relay
+    def __init__(self, daemon_state: DaemonState, event_streams: EventStreams) -> None:
+        self._state = daemon_state
+        self._relay = event_streams
         self._lock = threading.Lock()
         self._last: Answer | None = None
         self._delay = Histogram(
@@ -50,7 +50,7 @@ class _BoardCollector(Collector):
         return []
 
     def collect(self) -> Iterator[Metric]:
-        snapshot, now = self._board.snapshot(), Instant.now()
+        snapshot, now = self._state.snapshot(), Instant.now()
         self._take_durations(snapshot.last)
         yield _gauge("skyfix_up_seconds", "Since the daemon's start.", age_s(snapshot.started, now))
         activity = GaugeMetricFamily("skyfix_activity", "1 for what the daemon does.", labels=["activity"])
@@ -90,7 +90,7 @@ class _BoardCollector(Collector):
 
 
 def _answer_metrics(last: Answer | None, last_fix: Answer | None, now: Instant) -> Iterator[Metric]:
-    """Absent as long as there is none: an age of 0 would be a lie."""
+    """Absent without an answer: an age of 0 would be wrong."""
     if last is not None:
         yield _gauge(
             "skyfix_answer_age_seconds", "Since the capture of the latest answer.", age_s(last.captured, now)

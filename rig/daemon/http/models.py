@@ -1,4 +1,4 @@
-"""What the server answers, as OpenAPI describes it. Times are UTC, ages and durations seconds."""
+"""Response models of the HTTP API, as OpenAPI describes them. Times are UTC, ages and durations seconds."""
 
 from datetime import datetime
 from typing import Any, Literal
@@ -12,7 +12,7 @@ from localizer.fix import Fix, Status
 from localizer.track.document import TrackHypothesis
 from localizer.track.tracker import Mode
 from rig.clock import Instant
-from rig.daemon.publish.published import lapsed, newest
+from rig.daemon.publish.published import expiry_reason, newest_answer
 from rig.daemon.spool.index import BundleState, Entry
 from rig.daemon.state import (
     Activity,
@@ -26,7 +26,7 @@ from rig.daemon.state import (
 )
 from rig.version import package_version
 
-MOST_HYPOTHESES = 50
+MAX_HYPOTHESES = 50
 
 
 class _Part(BaseModel):
@@ -213,7 +213,7 @@ def _answer_fields(answer: Answer) -> dict[str, Any]:
         "trigger": answer.trigger,
         "mode": answer.mode,
         "fix": answer.fix,
-        "hypotheses": answer.hypotheses[:MOST_HYPOTHESES],
+        "hypotheses": answer.hypotheses[:MAX_HYPOTHESES],
         "elsewhere": answer.elsewhere,
         "altitude_m": answer.altitude_m,
         "vehicle_heading_deg": answer.vehicle_heading_deg,
@@ -223,21 +223,21 @@ def _answer_fields(answer: Answer) -> dict[str, Any]:
 
 
 def bundle_answer(answer: Answer) -> BundleAnswer:
-    """An answer of any time."""
+    """An answer as response model."""
     return BundleAnswer(**_answer_fields(answer))
 
 
 def latest_answer(answer: Answer, snapshot: Snapshot, valid_s: float, now: Instant) -> LatestAnswer:
-    """One of the snapshot's answers, with its age."""
+    """One of the snapshot's answers with its age and validity."""
     moved, place = snapshot.moved, answer.fix.position
     try:
         here = None if place is None else map_metres(place.crs, place.easting_m, place.northing_m)
-    except MapError:  # of an answer that another version has stored
+    except MapError:  # stored by another version
         here = None
     return LatestAnswer(
         **_answer_fields(answer),
         age_s=age_s(answer.captured, now),
-        current=answer.fix.status == "fix" and lapsed(answer, snapshot, now, valid_s) is None,
+        current=answer.fix.status == "fix" and expiry_reason(answer, snapshot, now, valid_s) is None,
         valid_s=valid_s,
         before_start=answer.before_start,
         map_from_ground=None if here is None else _matrix(here.map_from_ground),
@@ -250,7 +250,7 @@ def fix_answer(answer: Answer, snapshot: Snapshot, valid_s: float, now: Instant)
     """The newest of the snapshot's answers, and the last fix where that is another."""
     before = snapshot.last_fix if answer.fix.status != "fix" else None
     last_fix = None
-    if before is not None:  # there is a newer capture, so it is not current whatever its age
+    if before is not None:  # a newer capture exists, so it is not current at any age
         last_fix = latest_answer(before, snapshot, valid_s, now).model_copy(update={"current": False})
     return FixAnswer(**dict(latest_answer(answer, snapshot, valid_s, now)), last_fix=last_fix)
 
@@ -261,7 +261,7 @@ def _matrix(values: NDArray[np.float64]) -> tuple[tuple[float, float], tuple[flo
 
 
 def state_of(snapshot: Snapshot, valid_s: float, can_act: bool, now: Instant) -> State:
-    """The board's snapshot with ages."""
+    """The daemon state's snapshot with ages."""
 
     def latest(answer: Answer | None) -> LatestAnswer | None:
         return latest_answer(answer, snapshot, valid_s, now) if answer else None
@@ -287,7 +287,7 @@ def state_of(snapshot: Snapshot, valid_s: float, can_act: bool, now: Instant) ->
             )
             for device in snapshot.devices
         ),
-        last=latest(newest(snapshot)),
+        last=latest(newest_answer(snapshot)),
         last_fix=latest(snapshot.last_fix),
         counts=dict(snapshot.counts),
         valid_s=valid_s,
@@ -312,7 +312,7 @@ def bundle_item(entry: Entry) -> BundleItem:
 
 
 def track_point(entry: Entry) -> TrackPoint | None:
-    """Where a bundle's fix was; None where it is none."""
+    """A bundle's fix as track point; None if it is no fix."""
     answer = entry.answer
     if answer is None or answer.fix.status != "fix":
         return None

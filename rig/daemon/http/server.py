@@ -1,4 +1,4 @@
-"""uvicorn in a thread of the daemon, from the bound socket to the last stream ended."""
+"""Runs uvicorn in a thread of the daemon, from the bound socket to the end of the last stream."""
 
 import logging
 import socket
@@ -11,52 +11,53 @@ import uvicorn
 
 from localizer.dem.choice import DemChoice
 from rig.config.run import HttpServer
+from rig.daemon.heartbeat import Heartbeats
+from rig.daemon.http.access_control import read_token
 from rig.daemon.http.app import make_app
 from rig.daemon.http.bundles import BundleStore
-from rig.daemon.http.guard import read_token
+from rig.daemon.http.event_streams import EventStreams
+from rig.daemon.http.idle_timeout import IdleTimeoutProtocol
 from rig.daemon.http.map import ReliefMap
-from rig.daemon.http.patience import PatientProtocol
-from rig.daemon.http.relay import Relay
-from rig.daemon.listening import why_not_listening
-from rig.daemon.progress import Loops
-from rig.daemon.state import Actions, Board
+from rig.daemon.sockets import why_not_listening
+from rig.daemon.state import Actions, DaemonState
 from rig.errors import RigError
 
 _log = logging.getLogger(__name__)
 
-MOST_CONNECTIONS = 64
+MAX_CONNECTIONS = 64
 STREAMS_END_S = 1
-"""What still runs at the end has so long (whole seconds) before it is cut off."""
+"""Time (whole seconds) for running requests at shutdown before they are cut off."""
 STOP_S = 2.0
 SILENT_S = 30
-"""A connection whose other end acknowledges nothing for so long is given up: a phone that drove away."""
+"""A connection without acknowledgements for this long is closed, such as that of a phone out of range."""
 
 
 class HttpError(RigError):
-    """The server cannot be had where the configuration wants it."""
+    """The server cannot run at the configured address."""
 
 
 @contextmanager
 def serving(
     section: HttpServer,
-    board: Board,
+    daemon_state: DaemonState,
     actions: Actions,
     spool: BundleStore,
     dem: DemChoice | Sequence[Path],
-    loops: Loops | None = None,
+    heartbeats: Heartbeats | None = None,
 ) -> Iterator[str]:
-    """Serve while the context lasts, and yield the URL; with port 0 the system chooses one. ``loops`` get its beat.
+    """Serve while the context lasts, and yield the URL; with port 0 the system chooses one. ``heartbeats`` receive its
+    heartbeat.
 
     Raises ``ConfigError`` for a token that cannot be used, ``HttpError`` where the address is taken or not this machine's.
     """
     token = read_token(section.token_file) if section.token_file else None
     listening = _listen(section.listen)
-    relay, relief = Relay(board), ReliefMap(dem)
-    app = make_app(section, board, actions, spool, relay, relief, token, loops)
+    event_streams, relief = EventStreams(daemon_state), ReliefMap(dem)
+    app = make_app(section, daemon_state, actions, spool, event_streams, relief, token, heartbeats)
     server = uvicorn.Server(
         uvicorn.Config(
             app,
-            http=PatientProtocol,
+            http=IdleTimeoutProtocol,
             ws="none",
             loop="asyncio",
             lifespan="on",
@@ -65,7 +66,7 @@ def serving(
             access_log=False,
             proxy_headers=False,
             server_header=False,
-            limit_concurrency=MOST_CONNECTIONS,
+            limit_concurrency=MAX_CONNECTIONS,
             timeout_graceful_shutdown=STREAMS_END_S,
         )
     )
@@ -74,7 +75,7 @@ def serving(
     try:
         yield _url(listening)
     finally:
-        relay.end()
+        event_streams.end()
         relief.end()
         server.should_exit = True
         thread.join(STOP_S)

@@ -1,7 +1,7 @@
-"""What NMEA 0183 sentences say of the vehicle's movement, and when they say nothing: VTG and RMC to speed and course.
+"""Velocity from NMEA 0183 sentences: VTG and RMC to speed and course, or to nothing if they are not valid.
 
-The mode indicator (NMEA 0183 2.3) and RMC's status tell how a speed came about; RMC's navigational status (4.1) does not:
-u-blox receivers always send V there, as they give none.
+Validity follows from the mode indicator (NMEA 0183 2.3) and RMC's status. RMC's navigational status (4.1) is ignored:
+u-blox receivers always send V there.
 """
 
 from dataclasses import dataclass
@@ -11,8 +11,8 @@ from rig.errors import MessageError, NoReadingError
 
 KNOT_M_S = 1852.0 / 3600.0
 KMH_M_S = 1.0 / 3.6
-CREEPING_M_S = 0.1
-"""Up to here a course is worth nothing, and need not be said."""
+SLOW_M_S = 0.1
+"""Up to this speed a course is meaningless and may be missing."""
 FASTEST_M_S = 150.0
 UNITS_AGREE_M_S, UNITS_AGREE_SHARE = 0.3, 0.03
 STALE_S = 2.0
@@ -25,17 +25,17 @@ _NOT_TO_BE_USED = ("U", "N", "M")  # of the navigational status: unsafe; not val
 
 @dataclass(frozen=True)
 class Velocity:
-    """Speed over ground and true course; None where that was not said."""
+    """Speed over ground and true course; None if the course was not sent."""
 
     speed_m_s: float
     course_deg: float | None
 
 
 def velocity_in(sentence: Sentence, *, accept_estimated: bool = False) -> Velocity | None:
-    """What VTG or RMC says of the movement; None for other sentences and for those that are not a measured movement.
+    """The velocity in a VTG or RMC; None for other sentences and for speeds that were not measured.
 
-    Not valid, manual and simulated is none; estimated is one where ``accept_estimated`` says so. ``MessageError`` for what
-    makes no sense.
+    Not valid, manual and simulated speeds give None; estimated ones too unless ``accept_estimated``. ``MessageError``
+    for inconsistent content.
     """
     if sentence.kind == "VTG":
         speed_m_s, course_deg, mode = _vtg(sentence)
@@ -49,7 +49,7 @@ def velocity_in(sentence: Sentence, *, accept_estimated: bool = False) -> Veloci
         return None
     if speed_m_s is None or not _is_measured(mode, accept_estimated):
         return None
-    if course_deg is None and speed_m_s <= CREEPING_M_S:
+    if course_deg is None and speed_m_s <= SLOW_M_S:
         course_deg = 0.0
     if not 0.0 <= speed_m_s <= FASTEST_M_S or not 0.0 <= (course_deg or 0.0) <= 360.0:
         raise MessageError(f"{sentence.address} says {speed_m_s:.1f} m/s towards {course_deg} deg")
@@ -57,7 +57,7 @@ def velocity_in(sentence: Sentence, *, accept_estimated: bool = False) -> Veloci
 
 
 def _is_measured(mode: str, accept_estimated: bool) -> bool:
-    """Sentences from before NMEA 0183 2.3 have no mode."""
+    """Sentences before NMEA 0183 2.3 have no mode."""
     return mode in ("", *_MEASURED_MODES) or (mode == _ESTIMATED_MODE and accept_estimated)
 
 
@@ -74,24 +74,26 @@ def _vtg(sentence: Sentence) -> tuple[float | None, float | None, str]:
 
 
 def _speed_m_s(sentence: Sentence, knots: float | None, kmh: float | None) -> float | None:
-    """Of the two, which have to agree where both are there."""
-    told = [value * unit for value, unit in ((kmh, KMH_M_S), (knots, KNOT_M_S)) if value is not None]
-    if len(told) == 2 and abs(told[0] - told[1]) > UNITS_AGREE_M_S + UNITS_AGREE_SHARE * max(told):
+    """The speed from knots or km/h; they must agree if both are sent."""
+    speeds_m_s = [value * unit for value, unit in ((kmh, KMH_M_S), (knots, KNOT_M_S)) if value is not None]
+    if len(speeds_m_s) == 2 and abs(
+        speeds_m_s[0] - speeds_m_s[1]
+    ) > UNITS_AGREE_M_S + UNITS_AGREE_SHARE * max(speeds_m_s):
         raise NoReadingError(f"{sentence.address} says {knots} knots and {kmh} km/h, which do not agree")
-    return told[0] if told else None
+    return speeds_m_s[0] if speeds_m_s else None
 
 
 class StaleClock:
-    """Notices a receiver that says the same moment again and again: its speed is then that of long ago.
+    """Detects a receiver that repeats the same time: its speed is then stale.
 
-    A talker whose time never moved has no clock, and says nothing by it.
+    A talker whose time has never changed has no clock, and is not stale for that reason.
     """
 
     def __init__(self) -> None:
         self._said: dict[str, tuple[str, float, bool]] = {}
 
     def is_stale(self, sentence: Sentence, at_s: float) -> bool:
-        """Whether an RMC that is heard at ``at_s`` (monotonic) has had its time for too long."""
+        """Whether an RMC received at ``at_s`` (monotonic) has repeated its time for too long."""
         time_text = sentence.field(0)
         if sentence.kind != "RMC" or not time_text:
             return False

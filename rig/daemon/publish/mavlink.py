@@ -1,4 +1,4 @@
-"""``[run.mavlink]``: each new fix to an autopilot, once. A broken link is opened again, for as long as it takes."""
+"""``[run.mavlink]``: sends each new fix to an autopilot, once. A broken link is reopened without limit."""
 
 import logging
 import threading
@@ -10,124 +10,128 @@ from typing import Any
 
 from rig.clock import Instant
 from rig.config.run import MavlinkOutput
-from rig.daemon.progress import Loops
+from rig.daemon.heartbeat import Heartbeats
 from rig.daemon.publish.mavlink_link import Link, check, opened, why_no_link
 from rig.daemon.publish.mavlink_messages import dialect, external_position_estimate, gps_input, heartbeat
-from rig.daemon.publish.published import PublishedFix, current_fix, lapsed
-from rig.daemon.state import Board
+from rig.daemon.publish.published import PublishedFix, current_fix, expiry_reason
+from rig.daemon.state import DaemonState
 from rig.errors import DeviceError
 
 NAME = "mavlink"
 HEARTBEAT_EVERY_S = 1.0
-HEARD_WITHIN_S = 5.0
-"""An autopilot whose heartbeat is missing for so long is gone (the MAVLink guide says four to five)."""
+HEARTBEAT_TIMEOUT_S = 5.0
+"""Heartbeat timeout of the autopilot (the MAVLink guide says four to five seconds)."""
 POLL_EVERY_S = 0.2
-ANSWERED_WITHIN_S = 1.5
-MOST_TIMES = 3
-"""A command whose acknowledgement is missing is sent again (MAVLink's command protocol), with its age then."""
-MOST_READS = 500
-"""In one round: an autopilot that streams to us must not keep us from speaking."""
+ACK_TIMEOUT_S = 1.5
+MAX_SENDS = 3
+"""A command without acknowledgement is sent again (MAVLink's command protocol), with its age updated."""
+MAX_READS = 500
+"""Reads per round: an autopilot that streams must not block sending."""
 LOOP_LONGEST_S = 30.0
-LEAST_RETRY_S, MOST_RETRY_S = 1.0, 60.0
+MIN_RETRY_S, MAX_RETRY_S = 1.0, 60.0
 
 _log = logging.getLogger(__name__)
 
 
 @contextmanager
-def publishing(section: MavlinkOutput, board: Board, loops: Loops | None = None) -> Iterator[None]:
-    """Send what the board says while the context lasts; the link is a device on the board.
+def publishing(
+    section: MavlinkOutput, daemon_state: DaemonState, heartbeats: Heartbeats | None = None
+) -> Iterator[None]:
+    """Send new fixes while the context lasts; the link is a device in the daemon state.
 
-    Raises ``ConfigError`` where pymavlink is missing or the connection is of no known kind.
+    Raises ``ConfigError`` if pymavlink is missing or the connection string is invalid.
     """
     check(section.connection)
     common = dialect()
     stop = threading.Event()
-    publisher = _Publisher(section, board, common)
-    board.set_device(NAME, "connecting", section.connection)
-    thread = threading.Thread(target=publisher.run, args=(stop, loops), name=NAME, daemon=True)
+    publisher = _Publisher(section, daemon_state, common)
+    daemon_state.set_device(NAME, "connecting", section.connection)
+    thread = threading.Thread(target=publisher.run, args=(stop, heartbeats), name=NAME, daemon=True)
     thread.start()
     try:
         yield
     finally:
         stop.set()
-        thread.join(timeout=2.0 * POLL_EVERY_S + HEARTBEAT_EVERY_S)  # longer where a name is being looked up
+        thread.join(timeout=2.0 * POLL_EVERY_S + HEARTBEAT_EVERY_S)  # longer during a name lookup
 
 
 class _Publisher:
-    def __init__(self, section: MavlinkOutput, board: Board, common: ModuleType) -> None:
+    def __init__(self, section: MavlinkOutput, daemon_state: DaemonState, common: ModuleType) -> None:
         self._section = section
-        self._board = board
+        self._state = daemon_state
         self._common = common
-        latest = board.snapshot().last_fix
+        latest = daemon_state.snapshot().last_fix
         self._sent_up_to_s = latest.captured.monotonic_s if latest else float("-inf")
         """Captures up to here have been sent: none is sent twice, and none after a later one."""
-        newest = board.snapshot().last
-        self._seen = newest.bundle if newest else None
+        newest_answer = daemon_state.snapshot().last
+        self._seen = newest_answer.bundle if newest_answer else None
         self._heard = False
         self._owed = False
         """The current fix was sent where no autopilot was heard, or one that has gone: who comes now has not got it."""
 
-    def run(self, stop: threading.Event, loops: Loops | None) -> None:
-        """Keep a link until ``stop``."""
-        wait_s = LEAST_RETRY_S
-        with nullcontext() if loops is None else loops.watched(NAME, LOOP_LONGEST_S):
+    def run(self, stop: threading.Event, heartbeats: Heartbeats | None) -> None:
+        """Keep a link open until ``stop``."""
+        wait_s = MIN_RETRY_S
+        with nullcontext() if heartbeats is None else heartbeats.watched(NAME, LOOP_LONGEST_S):
             while not stop.is_set():
                 try:
                     with opened(self._section.connection, self._section.baud) as link:
-                        for heard in self._talk(link, stop):
-                            wait_s = LEAST_RETRY_S if heard else wait_s
-                            if loops is not None:
-                                loops.beat(NAME)
+                        for autopilot_present in self._run_link(link, stop):
+                            wait_s = MIN_RETRY_S if autopilot_present else wait_s
+                            if heartbeats is not None:
+                                heartbeats.beat(NAME)
                 except (OSError, DeviceError) as error:
-                    self._board.set_device(
+                    self._state.set_device(
                         NAME, "failing", f"{self._section.connection}: {why_no_link(error)}"
                     )
-                    if loops is not None:
-                        loops.beat(NAME, within_s=wait_s + LOOP_LONGEST_S)
+                    if heartbeats is not None:
+                        heartbeats.beat(NAME, within_s=wait_s + LOOP_LONGEST_S)
                     stop.wait(wait_s)
-                    wait_s = min(2.0 * wait_s, MOST_RETRY_S)
+                    wait_s = min(2.0 * wait_s, MAX_RETRY_S)
 
-    def _talk(self, link: Link, stop: threading.Event) -> Iterator[bool]:
-        """Yields after each round whether there is an autopilot."""
-        session = _Session(link, self._section, self._common, self._board)
+    def _run_link(self, link: Link, stop: threading.Event) -> Iterator[bool]:
+        """After each round yield whether an autopilot is present."""
+        session = _LinkSession(link, self._section, self._common, self._state)
         while not stop.is_set():
             session.step()
             self._send_new(session)
-            yield session.heard
+            yield session.autopilot_present
             stop.wait(POLL_EVERY_S)
 
-    def _send_new(self, session: "_Session") -> None:
-        now, snapshot = Instant.now(), self._board.snapshot()
+    def _send_new(self, session: "_LinkSession") -> None:
+        now, snapshot = Instant.now(), self._state.snapshot()
         fix = current_fix(snapshot, now, self._section.valid_s)
         if fix is not None and fix.captured.monotonic_s > self._sent_up_to_s:
             session.send_fix(fix, now)
             self._sent_up_to_s = fix.captured.monotonic_s
-            self._owed = not session.heard
-        elif fix is not None and self._owed and session.heard:
+            self._owed = not session.autopilot_present
+        elif fix is not None and self._owed and session.autopilot_present:
             session.send_fix_late(fix, now)
             self._owed = False
         elif fix is not None:
             session.send_again(fix, now)
-        if self._heard and not session.heard:
+        if self._heard and not session.autopilot_present:
             self._owed = True
-        self._heard = session.heard
+        self._heard = session.autopilot_present
         last = snapshot.last
         if last is not None and last.bundle != self._seen:
             self._seen = last.bundle
-            why = lapsed(last, snapshot, now, self._section.valid_s)
+            why = expiry_reason(last, snapshot, now, self._section.valid_s)
             if last.fix.status == "fix" and why is not None:
-                self._board.count("mavlink fixes not sent")
+                self._state.count("mavlink fixes not sent")
                 _log.warning("mavlink: the fix of %s is not sent: %s", last.bundle, why)
 
 
-class _Session:
-    """One link from its opening to its end."""
+class _LinkSession:
+    """One link from opening to closing."""
 
-    def __init__(self, link: Link, section: MavlinkOutput, common: ModuleType, board: Board) -> None:
+    def __init__(
+        self, link: Link, section: MavlinkOutput, common: ModuleType, daemon_state: DaemonState
+    ) -> None:
         self._link = link
         self._section = section
         self._common = common
-        self._board = board
+        self._state = daemon_state
         self._mav = common.MAVLink(link, srcSystem=section.system_id, srcComponent=section.component_id)
         self._mav.robust_parsing = True  # noise comes as BAD_DATA
         self._opened_s = time.monotonic()
@@ -138,13 +142,13 @@ class _Session:
         self._times = 0
 
     @property
-    def heard(self) -> bool:
-        """Whether there is an autopilot at the other end."""
-        return self._heard_s is not None and time.monotonic() - self._heard_s < HEARD_WITHIN_S
+    def autopilot_present(self) -> bool:
+        """Whether an autopilot's heartbeat is received."""
+        return self._heard_s is not None and time.monotonic() - self._heard_s < HEARTBEAT_TIMEOUT_S
 
     def step(self) -> None:
-        """Hear what there is, and say once a second that this component is there."""
-        for _ in range(MOST_READS):
+        """Receive messages, and send a heartbeat once a second."""
+        for _ in range(MAX_READS):
             if not (data := self._link.read()):
                 break
             for message in self._mav.parse_buffer(data) or ():
@@ -156,15 +160,15 @@ class _Session:
         self._mav.send(heartbeat(self._common))
         if "GPS_INPUT" in self._section.messages:
             self._mav.send(gps_input(self._common, None, Instant.now().utc))
-        self._say_how_it_is()
+        self._update_device_state()
 
     def send_fix(self, fix: PublishedFix, now: Instant) -> None:
-        """Send a fix in each of the configured ways."""
+        """Send a fix as each of the configured messages."""
         self._send(fix, now)
-        self._board.count("mavlink fixes sent")
+        self._state.count("mavlink fixes sent")
 
     def send_fix_late(self, fix: PublishedFix, now: Instant) -> None:
-        """Send a fix that nobody has heard to the autopilot that has come since; the count has it already."""
+        """Send an earlier fix to an autopilot that has connected since; it is already counted."""
         self._send(fix, now)
 
     def _send(self, fix: PublishedFix, now: Instant) -> None:
@@ -175,12 +179,12 @@ class _Session:
             self._mav.send(gps_input(self._common, fix, now.utc))
 
     def send_again(self, fix: PublishedFix, now: Instant) -> None:
-        """Send the command of the latest fix again where an autopilot is heard that should have answered it."""
-        if self._awaited_s is None or now.monotonic_s < self._awaited_s or not self.heard:
+        """Send the command of the latest fix again if a present autopilot has not acknowledged it."""
+        if self._awaited_s is None or now.monotonic_s < self._awaited_s or not self.autopilot_present:
             return
-        if self._times == MOST_TIMES:
+        if self._times == MAX_SENDS:
             self._awaited_s = None
-            self._board.count("mavlink fixes unanswered")
+            self._state.count("mavlink fixes unanswered")
             _log.warning("mavlink: the autopilot does not answer the fix of %s", fix.bundle)
             return
         self._command(fix, now)
@@ -188,7 +192,7 @@ class _Session:
 
     def _command(self, fix: PublishedFix, now: Instant) -> None:
         self._mav.send(external_position_estimate(self._common, fix, now, self._section.system_id))
-        self._awaited_s = now.monotonic_s + ANSWERED_WITHIN_S
+        self._awaited_s = now.monotonic_s + ACK_TIMEOUT_S
 
     def _take(self, message: Any) -> None:
         if message.get_srcSystem() != self._section.system_id:
@@ -200,21 +204,21 @@ class _Session:
                 self._acknowledged(message.result)
 
     def _acknowledged(self, result: int) -> None:
-        if self._awaited_s is None:  # of one that was sent again, and is answered twice
+        if self._awaited_s is None:  # a duplicate acknowledgement after a retransmission
             return
         self._awaited_s = None
         if result == self._common.MAV_RESULT_ACCEPTED:
-            self._board.count("mavlink fixes accepted")
+            self._state.count("mavlink fixes accepted")
             return
-        self._board.count("mavlink fixes refused")
+        self._state.count("mavlink fixes refused")
         known = self._common.enums["MAV_RESULT"].get(result)
         _log.warning("mavlink: the autopilot did not take a fix: %s", known.name if known else result)
 
-    def _say_how_it_is(self) -> None:
+    def _update_device_state(self) -> None:
         where = self._section.connection
-        if self.heard:
-            self._board.set_device(NAME, "ok", f"{where}: autopilot heard")
-        elif self._heard_s is not None or time.monotonic() - self._opened_s > HEARD_WITHIN_S:
-            self._board.set_device(
+        if self.autopilot_present:
+            self._state.set_device(NAME, "ok", f"{where}: autopilot heard")
+        elif self._heard_s is not None or time.monotonic() - self._opened_s > HEARTBEAT_TIMEOUT_S:
+            self._state.set_device(
                 NAME, "failing", f"{where}: no heartbeat of system {self._section.system_id}"
             )

@@ -1,7 +1,7 @@
-"""The ways to an autopilot. pymavlink has its own, but they swallow what goes wrong with them.
+"""Links to an autopilot. pymavlink's own hide their errors.
 
-``udpout:HOST:PORT`` sends there, ``udpin:HOST:PORT`` waits to be spoken to and answers, ``tcp:HOST:PORT`` connects, and
-what begins with a slash is a serial port.
+``udpout:HOST:PORT`` sends to an address, ``udpin:HOST:PORT`` answers the last sender, ``tcp:HOST:PORT`` connects, and a
+name that begins with a slash is a serial port.
 """
 
 import errno
@@ -16,24 +16,24 @@ from rig.devices.bus.serial_port import SerialPort
 from rig.errors import ConfigError, DeviceError
 
 CONNECT_TIMEOUT_S = 5.0
-MOST_BYTES = 65_536
+MAX_BYTES = 65_536
 
 
 class Link(Protocol):
-    """A way to an autopilot. Both methods raise ``OSError`` or ``DeviceError`` where it is broken, and neither waits."""
+    """A link to an autopilot. Both methods raise ``OSError`` or ``DeviceError`` if it is broken; neither blocks."""
 
     def write(self, data: bytes) -> None:
         """Send."""
         ...
 
     def read(self) -> bytes:
-        """What has come in, b"" where nothing has."""
+        """Received bytes, b"" if none."""
         ...
 
 
 @contextmanager
 def opened(connection: str, baud: int) -> Iterator[Link]:
-    """A link while the context lasts. Raises ``OSError`` or ``DeviceError`` where there is none."""
+    """A link while the context lasts. Raises ``OSError`` or ``DeviceError`` if it cannot be opened."""
     if connection.startswith("/"):
         with closing(SerialPort(connection, baud)) as port:
             yield _SerialLink(port)
@@ -53,7 +53,7 @@ def opened(connection: str, baud: int) -> Iterator[Link]:
 
 
 def why_no_link(error: OSError | DeviceError) -> str:
-    """Why there is no link, and what to do."""
+    """Why the link failed, and what to do."""
     if isinstance(error, DeviceError):
         return str(error)
     remedy = {
@@ -73,7 +73,7 @@ KINDS = ("udpout", "udpin", "tcp")
 
 
 def check(connection: str) -> None:
-    """Raises ``ConfigError`` where the connection is of no kind that there is."""
+    """Raises ``ConfigError`` for an unknown kind of connection."""
     kind, _, address = connection.partition(":")
     host, _, port = address.rpartition(":")
     if connection.startswith("/") or (kind in KINDS and host and port.isdecimal() and int(port) < 65536):
@@ -96,7 +96,7 @@ class _SerialLink:
 
 
 class _Connected:
-    """A connected socket: a datagram that nobody takes is an error of the next one."""
+    """A connected socket: an undeliverable datagram is an error of the next one."""
 
     def __init__(self, sock: socket.socket, is_stream: bool) -> None:
         self._socket = sock
@@ -104,12 +104,12 @@ class _Connected:
 
     def write(self, data: bytes) -> None:
         sent = self._socket.send(data)
-        if sent < len(data):  # the rest of a message would have to come first, and later is too late
+        if sent < len(data):  # the rest would have to be sent first, and later is too late
             raise BrokenPipeError("the other end does not read")
 
     def read(self) -> bytes:
         try:
-            data = self._socket.recv(MOST_BYTES)
+            data = self._socket.recv(MAX_BYTES)
         except BlockingIOError:
             return b""
         if not data and self._is_stream:
@@ -118,7 +118,7 @@ class _Connected:
 
 
 class _Answering:
-    """A bound socket, which sends to whoever spoke last."""
+    """A bound socket that sends to the last sender."""
 
     def __init__(self, sock: socket.socket) -> None:
         self._socket = sock
@@ -130,7 +130,7 @@ class _Answering:
 
     def read(self) -> bytes:
         try:
-            data, self._to = self._socket.recvfrom(MOST_BYTES)
+            data, self._to = self._socket.recvfrom(MAX_BYTES)
         except BlockingIOError:
             return b""
         return data

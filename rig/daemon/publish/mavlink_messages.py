@@ -1,4 +1,4 @@
-"""A fix as MAVLink messages (common.xml). Nothing is sent here."""
+"""Encodes a fix as MAVLink messages (common.xml). No I/O."""
 
 import math
 from datetime import UTC, datetime, timedelta
@@ -19,7 +19,7 @@ TIME_WRAPS_S = 250.0
 
 
 def dialect() -> ModuleType:
-    """pymavlink's messages, MAVLink 2. Raises ``ConfigError`` where it is not installed: it is an extra."""
+    """pymavlink's messages, MAVLink 2. Raises ``ConfigError`` if it is not installed; it is an optional extra."""
     try:
         from pymavlink.dialects.v20 import common
     except ImportError:
@@ -28,14 +28,14 @@ def dialect() -> ModuleType:
 
 
 def heartbeat(common: ModuleType) -> Any:
-    """That this component is there."""
+    """The heartbeat of this component."""
     return common.MAVLink_heartbeat_message(
         common.MAV_TYPE_ONBOARD_CONTROLLER, common.MAV_AUTOPILOT_INVALID, 0, 0, common.MAV_STATE_ACTIVE, 3
     )
 
 
 def external_position_estimate(common: ModuleType, fix: PublishedFix, now: Instant, system_id: int) -> Any:
-    """The command for occasional fixes: where the vehicle was at the capture, and how long ago that is."""
+    """The command for occasional fixes: position at the capture, and its age."""
     return common.MAVLink_command_int_message(
         target_system=system_id,
         target_component=AUTOPILOT_COMPONENT,
@@ -54,9 +54,9 @@ def external_position_estimate(common: ModuleType, fix: PublishedFix, now: Insta
 
 
 def gps_input(common: ModuleType, fix: PublishedFix | None, utc: datetime) -> Any:
-    """As from a GPS without satellites: a fix, once, or that there is none at the time ``utc``.
+    """As from a GPS without satellites: a fix, once, or no fix at the time ``utc``.
 
-    Without a time, which is 0, where the computer's clock cannot have been right: an autopilot sets its own by it.
+    The time is 0 (none) if the computer's clock is implausible, as an autopilot may set its own by it.
     """
     at = utc if fix is None else fix.utc
     if problem(at):

@@ -1,6 +1,6 @@
-"""A fix, or that there is none, as one epoch of NMEA 0183 (4.10) sentences. No port and no clock here.
+"""Encodes a fix, or its absence, as one epoch of NMEA 0183 (4.10) sentences. No I/O, no clock.
 
-What the sentences' order and time fields do to gpsd is told in docs/daemon.md; the tests show it with gpsd itself.
+How the order and time fields of the sentences affect gpsd is described in docs/daemon.md and tested with gpsd itself.
 """
 
 from collections.abc import Callable, Collection
@@ -11,13 +11,13 @@ from rig.daemon.publish.published import PublishedFix
 from rig.devices.sensors.nmea import checksum
 
 TALKER = "GP"
-"""QGIS hears no other: neither II nor IN."""
+"""QGIS accepts no other talker id: neither II nor IN."""
 RMC_DATE = 8
-"""Which of its fields."""
+"""Index of the date among its fields."""
 MINUTE_DECIMALS = 5
 """Two centimetres."""
 _MODE = {1: "A", 6: "E"}
-"""The mode indicator that belongs to GGA's quality: autonomous, estimated."""
+"""Mode indicator for GGA's quality: autonomous, estimated."""
 
 Fields = list[str]
 
@@ -30,13 +30,13 @@ def epoch(
     *,
     dated: bool = True,
 ) -> bytes:
-    """The sentences of one moment, in the order in which gpsd makes one report of them.
+    """The sentences of one epoch, in the order in which gpsd combines them into one report.
 
-    Times of a position are those of its capture: repeated, it does not look new. ``utc`` is the present, for ZDA and
-    for the sentences that say that there is no position.
+    Times of a position are those of its capture, so that a repeated one does not look new. ``utc`` is the present, for
+    ZDA and for sentences without a position.
 
-    Not ``dated``: the clock cannot be right, so there is no ZDA, and no date in RMC, for who hears them may set another clock
-    by them. The time of day stays, by which gpsd tells one epoch from the next.
+    Not ``dated``: the clock is implausible, so ZDA and the date in RMC are left out, as receivers may set their clock
+    by them. The time of day stays: gpsd separates epochs by it.
     """
     return _sentences(fix, utc, quality, [kind for kind in _FIELDS if kind in kinds], dated)
 
@@ -49,10 +49,10 @@ def epoch_for_anybody(
     *,
     dated: bool = True,
 ) -> bytes:
-    """The same for whoever may have begun to listen in the middle of a fix, which a datagram cannot know.
+    """An epoch for receivers that may have joined during a fix, as with datagrams.
 
-    gpsd learns what ends a report where the time changes from one sentence to the next, and of a fix that is repeated
-    no time changes. So GBS comes last, and once more without values at the present time.
+    gpsd learns the last sentence of an epoch where the time changes, and in repeated fixes it does not. So GBS comes
+    last, and once more without values at the present time.
     """
     chosen = [kind for kind in _FIELDS if kind in kinds and kind != "GBS"]
     if "GBS" not in kinds:
@@ -65,10 +65,10 @@ def _sentences(
     fix: PublishedFix | None, utc: datetime, quality: int, kinds: Collection[SentenceKind], dated: bool
 ) -> bytes:
     chosen = ((kind, _FIELDS[kind](fix, utc, quality)) for kind in kinds if dated or kind != "ZDA")
-    told = (
+    sentences = (
         (kind, fields if dated else _dateless(kind, fields)) for kind, fields in chosen if fields is not None
     )
-    return b"".join(sentence(kind, fields) for kind, fields in told)
+    return b"".join(sentence(kind, fields) for kind, fields in sentences)
 
 
 def _dateless(kind: str, fields: Fields) -> Fields:
@@ -82,7 +82,7 @@ def sentence(kind: str, fields: Fields) -> bytes:
 
 
 def hhmmss(utc: datetime) -> str:
-    """To a hundredth of a second, cut off and not rounded: there is no second 60."""
+    """To a hundredth of a second, truncated: rounding could give second 60."""
     return f"{utc:%H%M%S}.{utc.microsecond // 10_000:02d}"
 
 
@@ -96,7 +96,7 @@ def lat_lon(fix: PublishedFix | None) -> Fields:
 
 def degrees_minutes(angle_deg: float, degree_digits: int) -> str:
     """``ddmm.mmmmm`` of the absolute value."""
-    # rounded as a whole, for minutes rounded by themselves may come to 60.00000
+    # rounded as a whole: rounded minutes could become 60.00000
     unit = 10**MINUTE_DECIMALS
     degrees, minutes = divmod(round(abs(angle_deg) * 60.0 * unit), 60 * unit)
     return f"{degrees:0{degree_digits}d}{minutes // unit:02d}.{minutes % unit:0{MINUTE_DECIMALS}d}"
@@ -109,14 +109,14 @@ def _zda(_fix: PublishedFix | None, utc: datetime, _quality: int) -> Fields:
 def _rmc(fix: PublishedFix | None, utc: datetime, quality: int) -> Fields:
     at = utc if fix is None else fix.utc
     status, mode = ("V", "N") if fix is None else ("A", _MODE[quality])
-    # no speed, course and variation; V at the end: this equipment gives no navigational status
+    # no speed, course and variation; V at the end: no navigational status available
     return [hhmmss(at), status, *lat_lon(fix), "", "", f"{at:%d%m%y}", "", "", mode, "V"]
 
 
 def _gga(fix: PublishedFix | None, utc: datetime, quality: int) -> Fields:
     altitude_m = "" if fix is None or fix.altitude_m is None else f"{fix.altitude_m:.1f}"
     at = utc if fix is None else fix.utc
-    # no satellites, no dilution of precision, and the geoid's height is not known here
+    # no satellites, no dilution of precision, geoid height unknown
     return [hhmmss(at), *lat_lon(fix), str(quality if fix else 0), "00", "", altitude_m, "M", "", "M", "", ""]
 
 
@@ -130,12 +130,12 @@ def _gst(fix: PublishedFix | None, utc: datetime, _quality: int) -> Fields:
     if fix is None:
         return [hhmmss(utc), *[""] * 7]
     ellipse = [f"{fix.sigma_major_m:.2f}", f"{fix.sigma_minor_m:.2f}", _azimuth(fix.major_azimuth_deg, 180.0)]
-    # no ranges whose residuals could be told, and no sigma of the altitude
+    # no range residuals, and no sigma of the altitude
     return [hhmmss(fix.utc), "", *ellipse, f"{fix.sigma_north_m:.2f}", f"{fix.sigma_east_m:.2f}", ""]
 
 
 def _hdt(fix: PublishedFix | None, _utc: datetime, _quality: int) -> Fields | None:
-    # an empty one would be read as north by some
+    # some receivers read an empty one as north
     return None if fix is None or fix.heading_deg is None else [_azimuth(fix.heading_deg, 360.0), "T"]
 
 

@@ -1,4 +1,4 @@
-"""What of the answers may be published: a fix that is still current, with its uncertainty in true directions."""
+"""Selects the fix that may be published: still current, with its uncertainty in true directions."""
 
 from dataclasses import dataclass
 from datetime import datetime
@@ -15,11 +15,11 @@ from rig.daemon.state import Answer, Snapshot
 
 @dataclass(frozen=True)
 class PublishedFix:
-    """A fix as navigation has it. Every sigma is one standard deviation."""
+    """A fix for navigation. Every sigma is one standard deviation."""
 
     bundle: str
     captured: Instant
-    """The position and the heading are of this moment."""
+    """Time of position and heading."""
     lat_deg: float
     lon_deg: float
     altitude_m: float | None
@@ -29,39 +29,39 @@ class PublishedFix:
     sigma_major_m: float
     sigma_minor_m: float
     major_azimuth_deg: float
-    """Of the ellipse's longer axis, from true north, 0 to 180."""
+    """Azimuth of the ellipse's longer axis from true north, 0 to 180."""
     heading_deg: float | None
     """Of the vehicle, from true north."""
 
     @property
     def utc(self) -> datetime:
-        """When the vehicle was there."""
+        """UTC of the capture."""
         return self.captured.utc
 
     def age_s(self, now: Instant) -> float:
-        """Since the capture, by the clock that does not step."""
+        """Age since the capture, by the monotonic clock."""
         return now.monotonic_s - self.captured.monotonic_s
 
 
 def current_fix(snapshot: Snapshot, now: Instant, valid_s: float) -> PublishedFix | None:
-    """The fix of the latest capture, where it has not ``lapsed``.
+    """The fix of the latest capture, unless ``expiry_reason`` gives one.
 
-    None where that capture came to no fix: an earlier one may not stand for it.
+    None if that capture gave no fix: an earlier one must not replace it.
     """
-    latest = newest(snapshot)
-    if latest is None or latest.fix.status != "fix" or lapsed(latest, snapshot, now, valid_s):
+    latest = newest_answer(snapshot)
+    if latest is None or latest.fix.status != "fix" or expiry_reason(latest, snapshot, now, valid_s):
         return None
     return published(latest)
 
 
-def newest(snapshot: Snapshot) -> Answer | None:
-    """The answer to the newest capture: one to a bundle that had to wait in the spool says nothing of the present."""
+def newest_answer(snapshot: Snapshot) -> Answer | None:
+    """The answer to the newest capture; late answers to older bundles say nothing about the present."""
     answers = [answer for answer in (snapshot.last_fix, snapshot.last) if answer is not None]
     return max(answers, key=lambda answer: answer.captured.monotonic_s, default=None)
 
 
-def lapsed(answer: Answer, snapshot: Snapshot, now: Instant, valid_s: float) -> str | None:
-    """Why the vehicle need no longer be where it was at the capture; None where it counts as being there."""
+def expiry_reason(answer: Answer, snapshot: Snapshot, now: Instant, valid_s: float) -> str | None:
+    """Why the vehicle may have left the fix's position; None while the fix is current."""
     age_s = now.monotonic_s - answer.captured.monotonic_s
     if not 0.0 <= age_s <= valid_s:
         return f"captured {age_s:.0f} s ago"
@@ -73,7 +73,7 @@ def lapsed(answer: Answer, snapshot: Snapshot, now: Instant, valid_s: float) -> 
 
 
 def published(answer: Answer) -> PublishedFix:
-    """An answer whose status is ``fix``."""
+    """An answer with status ``fix`` in published form."""
     position, covariance_m2 = answer.fix.position, answer.fix.covariance_m2
     if position is None or covariance_m2 is None:
         raise ValueError(f"{answer.bundle} is no fix")

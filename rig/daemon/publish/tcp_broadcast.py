@@ -1,4 +1,4 @@
-"""The same lines to everyone who has connected over TCP; nobody who is slow or gone holds up the others."""
+"""Sends the same lines to all TCP clients; slow or dead clients do not block the others."""
 
 import errno
 import logging
@@ -7,27 +7,27 @@ import socket
 from contextlib import suppress
 
 from rig.config.run import host_and_port
-from rig.daemon.listening import why_not_listening
+from rig.daemon.sockets import why_not_listening
 from rig.errors import ConfigError
 
-MOST_CLIENTS = 32
+MAX_CLIENTS = 32
 WAITING_BYTES = 16_384
-"""What may wait for one client: about half a minute of sentences. Who is further behind has to connect anew."""
+"""Queue limit per client, about half a minute of sentences. Clients further behind are dropped."""
 UNACKNOWLEDGED_MS = 30_000
-"""A client that acknowledges nothing for so long has vanished."""
+"""A client without acknowledgements for this long is dropped."""
 
 _log = logging.getLogger(__name__)
 
 
 class TcpBroadcast:
-    """Listens, takes clients in and sends; what they say is read and dropped. For one thread, which it never blocks."""
+    """TCP server that only sends; input is read and discarded. Single-threaded and non-blocking."""
 
     def __init__(self, address: str, key: str) -> None:
-        """``key`` of the configuration is for the message. Raises ``ConfigError`` where it cannot listen."""
+        """``key`` names the configuration key in errors. Raises ``ConfigError`` if it cannot listen."""
         try:
             family, _, _, _, found = socket.getaddrinfo(*host_and_port(address), type=socket.SOCK_STREAM)[0]
             self._listener = socket.create_server(
-                (str(found[0]), int(found[1])), family=family, backlog=MOST_CLIENTS
+                (str(found[0]), int(found[1])), family=family, backlog=MAX_CLIENTS
             )
         except OSError as error:
             raise ConfigError(f"{key}: cannot listen on {address}: {why_not_listening(error)}") from None
@@ -39,17 +39,17 @@ class TcpBroadcast:
 
     @property
     def address(self) -> tuple[str, int]:
-        """Host and port where it listens, the port that the system chose."""
+        """Host and port; the actual port if 0 was configured."""
         host, port = self._listener.getsockname()[:2]
         return str(host), int(port)
 
     @property
     def clients(self) -> int:
-        """How many are connected."""
+        """Number of clients."""
         return len(self._waiting)
 
     def send(self, data: bytes, first: bytes = b"") -> None:
-        """Send to all, as far as they take it; the rest waits for ``serve``. ``first`` goes before it to who is new."""
+        """Send to all without blocking; the rest is queued for ``serve``. ``first`` is sent before it to new clients."""
         if self._listener not in self._selector.get_map():
             self._selector.register(self._listener, selectors.EVENT_READ)
         for client, waiting in list(self._waiting.items()):
@@ -61,7 +61,7 @@ class TcpBroadcast:
             self._write(client)
 
     def serve(self, timeout_s: float) -> None:
-        """Take in who comes, send what waits, notice who leaves; for as long as ``timeout_s``, or until something happened."""
+        """Accept clients, send queues and detect closed connections, until ``timeout_s`` or the first event."""
         for key, events in self._selector.select(timeout_s):
             if key.fileobj is self._listener:
                 self._accept()
@@ -74,7 +74,7 @@ class TcpBroadcast:
                 self._write(client)
 
     def close(self) -> None:
-        """Let all go."""
+        """Close all connections."""
         for client in list(self._waiting):
             self._drop(client, None)
         self._selector.close()
@@ -83,21 +83,19 @@ class TcpBroadcast:
     def _accept(self) -> None:
         try:
             client, address = self._listener.accept()
-        except (
-            OSError
-        ) as error:  # gone again already; or no descriptor is left, and then it would fail on and on
+        except OSError as error:  # closed again, or out of descriptors, which would repeat endlessly
             _log.warning("nmea: a client could not be taken in: %s", error.strerror)
             self._selector.unregister(self._listener)  # until the next ``send``
             return
-        if len(self._waiting) >= MOST_CLIENTS:
-            _log.warning("nmea: %s was turned away: %d clients are connected", address[0], MOST_CLIENTS)
+        if len(self._waiting) >= MAX_CLIENTS:
+            _log.warning("nmea: %s was turned away: %d clients are connected", address[0], MAX_CLIENTS)
             client.close()
             return
         client.setblocking(False)
-        with suppress(OSError):  # it may have left meanwhile, which the first exchange will tell
+        with suppress(OSError):  # it may have disconnected; the first exchange will show it
             client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             client.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, UNACKNOWLEDGED_MS)
-            # else the system would keep minutes of sentences for one that does not read
+            # otherwise the system would buffer minutes of sentences for a client that does not read
             client.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, WAITING_BYTES)
         self._waiting[client] = bytearray()
         self._new.add(client)

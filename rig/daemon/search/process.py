@@ -1,4 +1,4 @@
-"""The worker process from the daemon's side: started, asked, watched, and ended where it takes too much."""
+"""The search process, from the daemon's side: start, requests, limits of time and memory, end."""
 
 import json
 import os
@@ -22,18 +22,18 @@ from rig.errors import RigError
 
 WORKER = (sys.executable, "-X", "faulthandler", "-m", "rig.daemon.search.worker")
 STARTING_S = 1200.0
-"""The very first start compiles the kernels; on a small computer that takes many minutes."""
+"""The first start compiles the kernels, which takes many minutes on a small computer."""
 POLL_S = 0.1
 _PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
 
 
 class SearchFailedError(RigError):
-    """A search came to no answer: it crashed, took too much memory or time, or the bundle cannot be read."""
+    """A search failed: it crashed, exceeded memory or time, or the bundle cannot be read."""
 
 
 @dataclass(frozen=True)
-class Standing:
-    """What a bundle says of itself: when its last frame was taken, on both clocks, and the vehicle's heading then."""
+class CaptureInfo:
+    """From the bundle itself: time of the last frame on both clocks, and the vehicle's heading then."""
 
     utc: str
     monotonic_s: float | None
@@ -42,22 +42,22 @@ class Standing:
 
 
 @dataclass(frozen=True)
-class Found:
-    """What the worker found out about a bundle."""
+class SearchResult:
+    """The result of a search."""
 
     track: TrackLine
     tracker: Tracker
     altitude_m: float | None
     azimuth_bias_sigma_deg: float | None
-    standing: Standing
+    capture_info: CaptureInfo
     wgs84_accuracy_m: float = 0.0
-    """Of the way from the DEM's datum, beside the fix's covariance."""
+    """Accuracy of the transformation from the DEM's datum, in addition to the fix's covariance."""
 
 
 class SearchProcess:
-    """One worker. ``beat`` is called while it is waited for; it may raise, to end the waiting and the worker.
+    """One worker. ``beat`` is called during waits; it may raise, to end the wait and the worker.
 
-    Begins with ``wait_terrain``, then ``wait_pictures``, then ``wait_ready``; each waits for those before it.
+    Stages: ``wait_terrain``, ``wait_pictures``, ``wait_ready``; each waits for the ones before it.
     """
 
     def __init__(
@@ -70,7 +70,7 @@ class SearchProcess:
         dem_error_m: float | None = None,
         chosen_dem: DemChoice | None = None,
     ) -> None:
-        """``chosen_dem`` tells more of the DEM's files than ``dem`` and ``dem_error_m``, and replaces them."""
+        """``chosen_dem`` has more options than ``dem`` and ``dem_error_m``, and replaces them."""
         self.dem = tuple(dem)
         self._limits = memory_mb, time_s
         self.beat: Callable[[], None] = lambda: None
@@ -94,12 +94,12 @@ class SearchProcess:
 
     @property
     def pid(self) -> int:
-        """Of the worker."""
+        """The worker's process id."""
         return self._process.pid
 
     @property
     def memory_mb(self) -> float:
-        """What the worker holds in memory at this moment; 0 where it has ended."""
+        """Resident memory of the worker; 0 if it has ended."""
         try:
             resident = Path(f"/proc/{self.pid}/statm").read_text(encoding="ascii").split()[1]
         except (OSError, IndexError):
@@ -107,13 +107,13 @@ class SearchProcess:
         return int(resident) * _PAGE_BYTES / 1e6
 
     def wait_terrain(self) -> None:
-        """Wait until the DEM has been read. ``SearchFailedError`` where it cannot be used, or the worker crashed."""
+        """Wait until the DEM is loaded. ``SearchFailedError`` if it cannot be used, or the worker crashed."""
         if not self._terrain:
             self._receive(STARTING_S, "could not read the DEM in time")
             self._terrain = True
 
     def wait_pictures(self) -> None:
-        """Wait until the kernels that look at pictures are on the disk, for this program's other processes too."""
+        """Wait until the picture kernels are in the disk cache, which other processes use too."""
         self.wait_terrain()
         if not self._pictures:
             self._receive(STARTING_S, "was not ready for pictures")
@@ -126,27 +126,27 @@ class SearchProcess:
             self._receive(STARTING_S, "was not ready")
             self._ready = True
 
-    def search(self, bundle_dir: Path, tracker: Tracker, leg: Movement | None) -> Found:
-        """What a bundle comes to. After a ``SearchFailedError`` the worker may be gone: see ``alive``."""
+    def search(self, bundle_dir: Path, tracker: Tracker, leg: Movement | None) -> SearchResult:
+        """Search for a bundle. After a ``SearchFailedError`` the worker may have ended: see ``alive``."""
         state = tracker.model_dump(mode="json", by_alias=True)
         self._send({"bundle": str(bundle_dir), "tracker": state, "leg": leg_json(leg)})
         fields = self._receive(self._limits[1], "took longer than [run.search] time_s")
-        return Found(
+        return SearchResult(
             TrackLine.model_validate(fields["track"], strict=False),
             Tracker.model_validate(fields["tracker"], strict=False),
             fields["altitude_m"],
             fields["azimuth_bias_sigma_deg"],
-            Standing(**fields["standing"]),
+            CaptureInfo(**fields["capture_info"]),
             fields.get("wgs84_accuracy_m", 0.0),
         )
 
     @property
     def alive(self) -> bool:
-        """Whether it can be asked again."""
+        """Whether the worker accepts requests."""
         return self._process.poll() is None
 
     def close(self) -> None:
-        """End it at once, whatever it does."""
+        """Kill the worker."""
         self._process.kill()
         self._process.wait()
         for pipe in (self._process.stdin, self._process.stdout):
@@ -161,7 +161,7 @@ class SearchProcess:
             raise SearchFailedError(self._end()) from None
 
     def _receive(self, within_s: float, late: str) -> dict[str, Any]:
-        """The next message. Ends the worker where none comes, or it grows too large."""
+        """The next message. Kills the worker if none comes in time, or it exceeds its memory."""
         assert self._process.stdout
         deadline, largest_mb = Deadline.after(within_s), self._limits[0]
         while b"\n" not in self._rest:
@@ -191,7 +191,7 @@ class SearchProcess:
         return message
 
     def _end(self) -> str:
-        """How the worker ended, for people."""
+        """How the worker ended, in words."""
         waited = Deadline.after(1.0)
         while self.alive and not waited.expired:
             time.sleep(0.01)

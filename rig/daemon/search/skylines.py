@@ -1,6 +1,6 @@
-"""The skylines over a bundle's frames, as they are kept beside its answer: what the picture shows, what the terrain would.
+"""Skylines of a bundle's frames, found and predicted, stored beside its answer.
 
-Lines are in pixels of the frame as recorded (pixel centres at whole numbers), broken where the skyline is.
+Lines are in pixels of the recorded frame (pixel centres at whole numbers), split where the skyline has gaps.
 """
 
 from collections.abc import Sequence
@@ -22,15 +22,15 @@ Line = tuple[tuple[float, float], ...]
 
 AZIMUTH_STEP_DEG = 0.05
 BEYOND_DEG = 5.0
-"""So far past the picture's edges the terrain is looked at, for what a roll brings in."""
+"""Margin beyond the picture's edges, for what a roll brings into view."""
 COLUMNS_EVERY, PREDICTED_EVERY = 2, 4
-"""Of the columns found and the azimuths predicted, so many are enough for an eye."""
+"""Every n-th found column and predicted azimuth is enough for display."""
 FILE_NAME = "skylines.json"
-"""In the bundle's folder, once it has been located."""
+"""File in the bundle's folder, once it is located."""
 
 
 class FrameSkylines(BaseModel):
-    """One frame's."""
+    """The skylines of one frame."""
 
     model_config = ConfigDict(frozen=True, allow_inf_nan=False)
 
@@ -38,15 +38,15 @@ class FrameSkylines(BaseModel):
     width_px: int
     height_px: int
     found: tuple[Line, ...]
-    """In the picture, as the search used it."""
+    """Found in the picture and used by the search."""
     doubtful: tuple[Line, ...]
-    """In the picture, too doubtful for the search."""
+    """Found in the picture, but too uncertain for the search."""
     predicted: tuple[Line, ...]
-    """The terrain's, seen from the answer's position; empty where there is none."""
+    """Predicted from the terrain at the answer's position; empty without one."""
 
 
 class BundleSkylines(BaseModel):
-    """All frames', in the bundle's order."""
+    """The skylines of all frames, in the bundle's order."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -57,10 +57,10 @@ class BundleSkylines(BaseModel):
 def bundle_skylines(
     bundle: Bundle, skylines: Sequence[Skyline], fix: Fix, terrain: Terrain
 ) -> BundleSkylines:
-    """What belongs over the frames of ``bundle``, in which ``skylines`` were found, once ``fix`` is its answer.
+    """The skylines of ``bundle``, in which ``skylines`` were found, for the answer ``fix``.
 
-    The prediction turns each frame by the errors that are common to all; a frame's own, a hundredth of a degree or
-    two, stay as a shift between the lines.
+    The prediction applies the solved errors common to all frames. A frame's own error, a hundredth of a degree or two,
+    remains as an offset.
     """
     frames = []
     for frame, skyline in zip(bundle.frames, skylines, strict=True):
@@ -102,7 +102,7 @@ def _predicted(bundle: Bundle, frame: Frame, fix: Fix, terrain: Terrain) -> tupl
 
 
 def _lines(u_px: Floats, v_px: Floats, chosen: NDArray[np.bool_], every: int) -> tuple[Line, ...]:
-    """The runs of chosen points that are somewhere; of each run the ends and every so manieth between."""
+    """Runs of chosen finite points; each with its ends and every n-th point between."""
     shown = chosen & np.isfinite(u_px) & np.isfinite(v_px)
     edges = np.flatnonzero(np.diff(np.concatenate(([False], shown, [False])).astype(np.int8)))
     lines = []

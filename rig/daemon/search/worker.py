@@ -1,4 +1,4 @@
-"""The search in a process of its own: requests come in on standard input, answers go out, one JSON object a line.
+"""The search process: requests on standard input, answers on standard output, one JSON object per line.
 
     -> {"dem": ["terrain.tif"], "dem_error_m": null}        once
     <- {"terrain": {"cells": 153036}} or {"error": "one line"}
@@ -7,7 +7,7 @@
     -> {"bundle": "spool/bundles/...", "tracker": {...}, "leg": {...}}
     <- {"track": {...}, "tracker": {...}, ...} or {"error": "one line"}
 
-It ends when its input does: whoever started it is gone then, or wants no more.
+It ends with its input, that is, with its parent.
 """
 
 import json
@@ -35,22 +35,22 @@ from localizer.skyline.upright import frame_skyline
 from localizer.track.document import track_line
 from localizer.track.tracker import Tracker, follow
 from rig.atomic import write_atomically
-from rig.daemon.memory import give_back
+from rig.daemon.memory import release_free_heap
 from rig.daemon.search.skylines import FILE_NAME, BundleSkylines, bundle_skylines
 from rig.daemon.spool.index import leg_of
 
 NICENESS = 5
-"""The rig's own loops go first: a servo bus that is not spoken to in time stops the head."""
+"""The rig's loops have priority: without timely servo traffic the bus watchdog stops the head."""
 
 
 def main() -> None:
     """Serve until standard input ends."""
-    # Those are for the daemon, which decides what becomes of a search.
+    # Signals are for the daemon, which controls this process.
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGUSR1):
         signal.signal(number, signal.SIG_IGN)
     os.nice(NICENESS)
     out = os.fdopen(os.dup(sys.stdout.fileno()), "w", buffering=1, encoding="utf-8")
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # whatever a library prints is no answer
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # output of libraries must not mix with answers
     requests: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
     threading.Thread(target=_receive, args=(requests,), daemon=True).start()
     try:
@@ -77,11 +77,11 @@ def main() -> None:
         except SkyfixError as error:
             answer = {"error": str(error)}
         _send(out, answer)
-        give_back()
+        release_free_heap()
 
 
 def _receive(requests: "queue.SimpleQueue[dict[str, Any]]") -> None:
-    """A thread of its own, so that the end of the input ends a search that goes on, too."""
+    """A separate thread, so that the end of input also ends a running search."""
     for line in sys.stdin:
         requests.put(json.loads(line))
     os._exit(0)
@@ -93,7 +93,7 @@ def _send(out: TextIO, message: dict[str, Any]) -> None:
 
 def _located(terrain: Terrain, request: dict[str, Any]) -> dict[str, Any]:
     bundle = load_bundle(Path(request["bundle"]))
-    if bundle.directory.is_symlink():  # what is found would be written where it leads
+    if bundle.directory.is_symlink():  # results would be written to the link's target
         raise BundleError(f"{bundle.directory}: is a link; put the bundle itself into the spool")
     if bundle.id != bundle.directory.name:
         raise BundleError(
@@ -113,23 +113,23 @@ def _located(terrain: Terrain, request: dict[str, Any]) -> dict[str, Any]:
         "tracker": step.tracker.model_dump(mode="json", by_alias=True),
         "altitude_m": step.best.altitude_m if step.best else None,
         "azimuth_bias_sigma_deg": step.best.azimuth_bias_sigma_deg if step.best else None,
-        "standing": standing_of(bundle),
+        "capture_info": capture_info_of(bundle),
         "wgs84_accuracy_m": terrain.dem.lonlat_accuracy_m,
     }
 
 
 def _store(file: Path, skylines: BundleSkylines) -> None:
-    """For the page; a fix is a fix without it."""
+    """For the web page; a failure does not affect the fix."""
     try:
         write_atomically(file, skylines.model_dump_json().encode())
     except OSError as error:
         print(f"{file}: {error.strerror}; the page will not show the skylines", file=sys.stderr)
 
 
-def standing_of(bundle: Bundle) -> dict[str, Any]:
-    """What the daemon wants to know of the bundle itself: when, and how the vehicle's heading was measured.
+def capture_info_of(bundle: Bundle) -> dict[str, Any]:
+    """Time and measured heading of the bundle, for the daemon.
 
-    Values are null where the bundle, of another program perhaps, does not say.
+    Null values if the bundle, perhaps of another program, lacks them.
     """
     last = max(bundle.frames, key=lambda frame: frame.time)
     times_s = _within(last.model_extra, "raw", "frame_monotonic_s")
@@ -146,7 +146,7 @@ def standing_of(bundle: Bundle) -> dict[str, Any]:
 
 
 def _within(value: object, *keys: str) -> object:
-    """What lies below these keys; None where there is no such thing."""
+    """The value at a path of keys; None if there is none."""
     for key in keys:
         value = value.get(key) if isinstance(value, dict) else None
     return value

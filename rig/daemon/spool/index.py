@@ -1,4 +1,4 @@
-"""The spool's index: its tables, how it is opened, and its rows as what they stand for."""
+"""The spool's index: tables, opening, and conversion of rows."""
 
 import logging
 import sqlite3
@@ -18,10 +18,10 @@ from rig.errors import RigError
 
 BundleState = Literal["waiting", "located", "failed"]
 ANSWER = TypeAdapter(Answer)
-MOST_TOLD = 20
+MAX_LOGGED_UNREADABLE = 20
 _log = logging.getLogger(__name__)
-_told: set[str] = set()
-"""Answers of which the log has told that they cannot be read."""
+_logged_unreadable: set[str] = set()
+"""Unreadable answers that are already logged."""
 _VERSION = 1
 _SCHEMA = """
 CREATE TABLE bundles (
@@ -44,19 +44,19 @@ CREATE TABLE memory (name TEXT PRIMARY KEY, value TEXT NOT NULL);
 
 
 class SpoolError(RigError):
-    """The spool cannot be used; the message names it."""
+    """The spool cannot be used; the message names its folder."""
 
 
 class SpoolFullError(SpoolError):
-    """What has not been located fills the quota: there is no room for another bundle."""
+    """Bundles not yet located fill the quota: there is no room for another one."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One bundle of the index.
+    """One row of the index: a bundle.
 
-    ``boot`` names the computer's run in which it was captured, if that is known: monotonic times are of that run.
-    ``reason`` says why it failed the last time; ``here`` whether its folder is still there.
+    ``boot`` is the boot of the capture, if known: its monotonic times belong to that boot. ``reason`` says why the
+    search failed the last time; ``here`` whether the folder still exists.
     """
 
     number: int
@@ -73,7 +73,7 @@ class Entry:
 
 
 def composed(legs: list[Movement | None]) -> Movement | None:
-    """One movement after the other; None where one of them is unknown, or there is none."""
+    """The sum of several movements; None if one is unknown, or there is none."""
     known = [leg for leg in legs if leg is not None]
     if len(known) < len(legs) or not known:
         return None
@@ -116,14 +116,16 @@ def _time_of(text: str) -> datetime:
 
 
 def answer_of(text: str | None) -> Answer | None:
-    """The answer that a row holds; None where it holds none, or one that this version cannot read."""
+    """The answer in a row; None if there is none, or this version cannot read it."""
     if text is None:
         return None
     try:
         return ANSWER.validate_json(json_text(text))
     except (DocumentError, ValidationError) as error:
-        if len(_told) < MOST_TOLD and text not in _told:  # the page asks every few seconds
-            _told.add(text)
+        if (
+            len(_logged_unreadable) < MAX_LOGGED_UNREADABLE and text not in _logged_unreadable
+        ):  # the page asks every few seconds
+            _logged_unreadable.add(text)
             _log.warning("an answer in the spool cannot be read: %s", str(error).splitlines()[0])
         return None
 
@@ -134,14 +136,14 @@ def leg_json(leg: Movement | None) -> dict[str, Any] | None:
 
 
 def leg_of(fields: Mapping[str, Any] | None) -> Movement | None:
-    """What ``leg_json`` made."""
+    """The inverse of ``leg_json``."""
     if fields is None:
         return None
     return Movement(np.array(fields["step_m"]), np.array(fields["covariance_m2"]))
 
 
 def stored_leg(text: str | None) -> Movement | None:
-    """The leg in a row of the index; None, an unknown way, also where it makes no sense."""
+    """The leg in a row; None (unknown) also if it is invalid."""
     try:
         leg = leg_of(json_values(text or "null"))
     except (DocumentError, KeyError, TypeError, ValueError):
@@ -152,7 +154,7 @@ def stored_leg(text: str | None) -> Movement | None:
 
 
 def stored_intent(text: str | None) -> dict[str, Any]:
-    """What was noted before the capture whose bundle is taken in; nothing where it makes no sense."""
+    """The note made before a capture; empty if it is invalid."""
     try:
         intent = json_values(text or "{}")
     except DocumentError:
@@ -170,7 +172,7 @@ def recall(db: sqlite3.Connection, name: str) -> str | None:
 
 
 def open_index(path: Path) -> sqlite3.Connection:
-    """The index; one that cannot be read is put aside, and made anew from the folder."""
+    """Open the index; an unreadable one is moved aside and rebuilt from the folder."""
     try:
         return _connected(path)
     except sqlite3.DatabaseError as error:

@@ -1,4 +1,4 @@
-"""Deadlines on the monotonic clock: GPS, NTP or a boot without a clock may step the wall clock any time."""
+"""Deadlines on the monotonic clock, as the wall clock may step at any time."""
 
 import time
 from collections.abc import Callable
@@ -28,10 +28,10 @@ class Deadline:
 
 
 def wait_until(condition: Callable[[], bool], deadline: Deadline, poll_s: float) -> bool:
-    """Ask ``condition`` every ``poll_s`` seconds until it holds; False if it still does not at the deadline.
+    """Poll ``condition`` every ``poll_s`` seconds until it holds; False if it does not by the deadline.
 
-    It is asked at least once, and once more after the deadline, so that a process that was not scheduled
-    for a while does not take its own absence for the device's.
+    It is evaluated at least once, and once more after the deadline, so that a process that was not scheduled does not
+    blame the device.
     """
     while True:
         last_try = deadline.expired

@@ -1,7 +1,7 @@
-"""I2C buses: the kernel's (/dev/i2c-N) and one reached over the network (tcp://HOST:PORT/BUS).
+"""I2C buses: the kernel's (/dev/i2c-N), and network bridges (tcp://HOST:PORT/BUS).
 
-A bus knows messages, not chips. It fails as the kernel does, with an ``OSError`` whose errno says why: 121 no
-acknowledge, 110 timed out, 5 the lines are stuck.
+A bus transfers messages and knows no chips. It fails as the kernel does, with an ``OSError`` whose errno gives the
+cause: 121 no acknowledge, 110 timeout, 5 lines stuck.
 """
 
 import errno
@@ -19,20 +19,20 @@ import smbus2
 
 from rig import sysfs
 from rig.config.i2c_names import BRIDGE_URL, adapter_path, buses_there
-from rig.devices.bus import tap
+from rig.devices.bus import monitor
 from rig.devices.bus.deadline import Deadline
 from rig.devices.bus.i2c_errors import BridgeLostError, lacks_plain_i2c
 from rig.errors import DeviceError
 
 LOCK_WAIT_S, _LOCK_POLL_S = 3.0, 0.05
-"""A device file is one program's at a time. The daemon asks its devices within a second or two: that is waited for."""
+"""A device file is locked by one program. The daemon's probes take a second or two, so a lock is waited for."""
 _BRIDGE_TIMEOUT_S = 2.0
 _BRIDGE_REQUEST = struct.Struct(">BBHH")  # bus, address, write length, read length
 _BRIDGE_ANSWER = struct.Struct(">HH")  # errno (0 = done), length of the data that follow
 
 
 class I2cBus(Protocol):
-    """What the chip drivers need of a bus."""
+    """The interface of a bus for chip drivers."""
 
     def transfer(self, address: int, write: bytes, read_length: int) -> bytes:
         """Write, then read after a repeated start, in one transaction; either part may be empty.
@@ -42,15 +42,15 @@ class I2cBus(Protocol):
         ...
 
     def close(self) -> None:
-        """Give the bus back. Closing twice is no error."""
+        """Close the bus. May be called twice."""
         ...
 
 
 class SmbusI2c:
-    """A bus of the Linux kernel. Raises ``DeviceError`` where the device file cannot be opened.
+    """A bus of the Linux kernel. Raises ``DeviceError`` if the device file cannot be opened.
 
-    It is locked for other programs of the rig, by flock, which no program but these asks for: two that set up the same chip
-    would have each other's settings, and take each other's samples.
+    It is locked against other programs of the rig by flock (others ignore that lock): two programs using one chip would
+    overwrite each other's settings and take each other's samples.
     """
 
     def __init__(self, path: str) -> None:
@@ -81,7 +81,7 @@ class SmbusI2c:
         return self._path
 
     def transfer(self, address: int, write: bytes, read_length: int) -> bytes:
-        # i2c_rdwr and not the SMBus calls: those stop at 32 bytes and do not exist without a register.
+        # i2c_rdwr, as SMBus calls are limited to 32 bytes and need a register.
         messages = []
         reading = smbus2.i2c_msg.read(address, read_length)
         if write or not read_length:
@@ -132,7 +132,7 @@ def _group(path: str) -> str:
 
 
 def _lock(descriptor: int, path: str) -> None:
-    """Until the descriptor is closed."""
+    """Lock until the descriptor is closed."""
     waited = Deadline.after(LOCK_WAIT_S)
     while True:
         try:
@@ -152,9 +152,8 @@ class BridgeI2c:
     """A bus behind a TCP bridge: request = bus u8, address u8, write length u16, read length u16, bytes to
     write; answer = errno u16, length u16, data. Big-endian; one connection carries many requests in order.
 
-    Raises ``DeviceError`` where the bridge cannot be reached. A connection that breaks or falls silent
-    later is an ``OSError`` of the transfer, and the next transfer connects anew: half an answer may still
-    be under way.
+    Raises ``DeviceError`` if the bridge cannot be reached. A later failure is an ``OSError`` of the transfer, and the
+    next transfer reconnects: half an answer may still be in transit.
     """
 
     def __init__(self, host: str, port: int, bus: int) -> None:
@@ -236,7 +235,7 @@ def _receive(connection: socket.socket, length: int) -> bytes:
 
 
 class _Shared:
-    """One open bus, the lock that keeps its transfers apart, and how many chips use it."""
+    """One open bus, the lock that serialises its transfers, and its number of users."""
 
     def __init__(self, key: str, bus: I2cBus) -> None:
         self.key = key
@@ -250,7 +249,7 @@ _open_buses_lock = threading.Lock()
 
 
 class SharedI2c:
-    """One chip's hold on a bus that several chips share; the bus closes with the last hold."""
+    """One chip's handle of a shared bus; the bus closes with the last handle."""
 
     def __init__(self, url: str, shared: _Shared) -> None:
         self._url = url
@@ -266,9 +265,9 @@ class SharedI2c:
             try:
                 data = self._shared.bus.transfer(address, write, read_length)
             except OSError as error:
-                tap.i2c_transfer(self._url, address, write, read_length, error.errno or errno.EIO)
+                monitor.i2c_transfer(self._url, address, write, read_length, error.errno or errno.EIO)
                 raise
-            tap.i2c_transfer(self._url, address, write, read_length, data)
+            monitor.i2c_transfer(self._url, address, write, read_length, data)
             return data
 
     def close(self) -> None:
@@ -284,10 +283,10 @@ class SharedI2c:
 
 
 def open_i2c(url: str) -> I2cBus:
-    """Open the bus that ``url`` names, or share it where it is open already.
+    """Open the bus that ``url`` names, or share it if it is already open.
 
-    ``url`` is a device file ("/dev/i2c-1"), a bridge ("tcp://127.0.0.1:4711/1"), or the name of an adapter. Raises
-    ``ConfigError`` where it is none of them, ``DeviceError`` where the bus cannot be opened.
+    ``url`` is a device file ("/dev/i2c-1"), a bridge ("tcp://127.0.0.1:4711/1"), or an adapter's name. Raises
+    ``ConfigError`` for anything else, ``DeviceError`` if the bus cannot be opened.
     """
     path = url if url.startswith("/") or BRIDGE_URL.fullmatch(url) else adapter_path(url)
     key = os.path.realpath(path) if path.startswith("/") else path  # udev may give a bus several names

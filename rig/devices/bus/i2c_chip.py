@@ -11,10 +11,10 @@ Chip = TypeVar("Chip")
 
 
 def open_chip(driver: Callable[[I2cBus, int], Chip], url: str, address: int) -> Chip:
-    """A driver on the bus that ``url`` names; the bus is given back where the driver refuses the chip.
+    """Open a driver on the bus that ``url`` names; the bus is closed if the driver rejects the chip.
 
-    Raises what ``rig.devices.bus.i2c.open_i2c`` and the driver raise, and ``DeviceError`` where a driver of the kernel holds
-    the chip: both would set it up and take each other's samples.
+    Raises what ``rig.devices.bus.i2c.open_i2c`` and the driver raise, and ``DeviceError`` if a kernel driver is bound
+    to the chip: both would configure it and take each other's samples.
     """
     bus = open_i2c(url)
     try:
@@ -28,7 +28,7 @@ def open_chip(driver: Callable[[I2cBus, int], Chip], url: str, address: int) -> 
 
 
 class I2cChip:
-    """One chip at one address. Every failure of the bus is a ``DeviceError`` that names the chip, as a rule a
+    """One chip at one address. Every bus failure becomes a ``DeviceError`` that names the chip, usually a
     ``TransientError``.
     """
 
@@ -38,7 +38,9 @@ class I2cChip:
         self.name = f"{model} at 0x{address:02X} on {bus}"
 
     def transfer(self, write: bytes, read_length: int = 0) -> bytes:
-        """One transaction: exactly ``read_length`` bytes, or ``TransientError``; ``DeviceError`` for what lasts."""
+        """One transaction of exactly ``read_length`` bytes; ``TransientError``, or ``DeviceError`` for a lasting
+        failure.
+        """
         try:
             data = self._bus.transfer(self._address, write, read_length)
         except OSError as error:
@@ -58,8 +60,8 @@ class I2cChip:
         self.transfer(bytes([register, value]))
 
     def require_identity(self, register: int, expected: int, hint: str = "") -> None:
-        """Raise ``WrongDeviceError`` unless ``register`` holds ``expected``; ``hint`` says what else it may
-        be. ``TransientError`` where it holds another value with each reading: a bad wire.
+        """Raise ``WrongDeviceError`` unless ``register`` holds ``expected``; ``hint`` says what else it may be.
+        ``TransientError`` if its value changes between reads: bad wiring.
         """
         found = self.read_register(register)[0]
         if found != expected:
@@ -71,13 +73,13 @@ class I2cChip:
             )
 
     def implausible(self, what: str) -> TransientError:
-        """The error of a reading that cannot be: one bad transfer, or, where it stays, a broken chip."""
+        """The error of an impossible reading: one bad transfer or, if it persists, a broken chip."""
         return TransientError(
             self.name, f"implausible reading: {what}", "check the wiring; replace the chip if it stays"
         )
 
     def no_answer_in_time(self, what: str, seconds: float) -> TransientError:
-        """The error of a chip that did not finish something within its time."""
+        """The error of a chip that did not finish in time."""
         return TransientError(self.name, f"{what} took longer than {seconds:g} s", "power-cycle the chip")
 
     def broken(self, problem: str) -> DeviceError:
@@ -85,5 +87,5 @@ class I2cChip:
         return DeviceError(self.name, problem, "power-cycle it; replace it if that does not help")
 
     def release(self) -> None:
-        """Give the bus back."""
+        """Close the bus handle."""
         self._bus.close()

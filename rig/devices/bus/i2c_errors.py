@@ -1,4 +1,4 @@
-"""What an I2C transfer's errno means, in words, and what to do about it.
+"""Messages for the errno of an I2C transfer, with what to do.
 
 The meanings are the kernel's: Documentation/i2c/fault-codes.rst, "I2C and SMBus fault codes".
 """
@@ -20,7 +20,7 @@ _LASTING = (
     errno.ENOTTY,
     errno.ENOSYS,
 )
-"""What another try cannot mend."""
+"""Errors that a retry cannot fix."""
 
 _NO_ACKNOWLEDGE = ("does not acknowledge", "check its power, wiring and `address`")
 _WORDS = {
@@ -65,7 +65,7 @@ _WORDS = {
 
 
 class BridgeLostError(OSError):
-    """The network on the way to a bridge failed, not the bus behind it."""
+    """The network connection to a bridge failed, not the bus behind it."""
 
     def __init__(self, number: int, problem: str, bridge: str, remedy: str) -> None:
         super().__init__(number, problem)
@@ -75,7 +75,7 @@ class BridgeLostError(OSError):
 def transfer_error(
     error: OSError, chip: str, bus: str, address: int, write_length: int, read_length: int
 ) -> DeviceError:
-    """The error of a transfer with ``chip``: ``TransientError`` where another try may succeed, else ``DeviceError``."""
+    """The error of a transfer with ``chip``: ``TransientError`` if a retry may succeed, else ``DeviceError``."""
     if isinstance(error, BridgeLostError):
         return TransientError(f"{chip}: I2C bridge {error.bridge}", error.problem, error.remedy)
     number = error.errno or 0
@@ -109,7 +109,7 @@ def _busy(bus: str, address: int) -> tuple[str, str]:
 
 
 def held_by_driver(bus: str, address: int) -> tuple[str, str] | None:
-    """Problem and remedy where a driver of this computer's kernel is bound to the chip; None where there is none."""
+    """Problem and remedy if a kernel driver is bound to the chip; else None."""
     number = _bus_number(bus)
     driver = None if number is None else sysfs.i2c_driver(number, address)
     if driver is None:
@@ -135,7 +135,7 @@ def _unsupported(bus: str, write_length: int, read_length: int) -> tuple[str, st
 
 
 def _bus_number(bus: str) -> int | None:
-    """N of a bus of this computer; None of one behind a bridge."""
+    """Number N of a local bus; None for one behind a bridge."""
     path = same_bus(bus)
     return sysfs.i2c_number(path) if path.startswith("/") else None
 
@@ -146,7 +146,7 @@ def _bus_number_or_n(bus: str) -> str:
 
 
 def lacks_plain_i2c(functions: int) -> str | None:
-    """What an adapter that cannot do plain I2C transfers can, in words; None where it can do them."""
+    """What an adapter without plain I2C transfers can do, in words; None if it has them."""
     if functions & I2cFunc.I2C:
         return None
     smbus = {

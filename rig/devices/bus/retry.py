@@ -1,7 +1,7 @@
-"""The one retry policy: a few tries within a bounded time, and only for what may pass by itself.
+"""The retry policy: a few tries within a bounded time, for transient errors only.
 
-It stands above the drivers. A driver that retries by itself hides a bad cable and multiplies timeouts. What was
-overcome is noted (``rig.fault_notes``).
+It is applied above the drivers. A driver that retries hides bad cables and multiplies timeouts. Recovered errors are
+noted (``rig.fault_notes``).
 """
 
 import time
@@ -13,10 +13,10 @@ from rig.errors import LostPortError, TransientError
 from rig.fault_notes import note_fault
 
 TRIES = 7
-"""With the doubling pauses they span 1.3 s: a servo's restart, or a plug that is seated badly."""
+"""With doubling pauses they span 1.3 s: a servo's reboot, or a loose plug."""
 
 REPLUG_S = 5.0
-"""How long an adapter that was pulled out is waited for."""
+"""Wait for an unplugged adapter."""
 
 REPLUG_POLL_S = 0.1
 
@@ -33,10 +33,10 @@ def retry(
 ) -> T:
     """What ``exchange`` returns, called again after a ``TransientError``.
 
-    There are at most ``tries`` calls, none of which starts later than ``within_s`` after the first; the pause
-    between them doubles from ``pause_s``. A ``LostPortError`` costs none of them: the port is waited for, for
-    ``replug_s`` in all (default: ``REPLUG_S``). ``exchange`` must be safe to repeat: a read, or a write of a state
-    (not a step). Raises the last ``TransientError``, and any other exception at once.
+    At most ``tries`` calls, none later than ``within_s`` after the first; the pause between them doubles from
+    ``pause_s``. A ``LostPortError`` does not count: the port is awaited for ``replug_s`` in total (default:
+    ``REPLUG_S``). ``exchange`` must be idempotent: a read, or a write of a state. Raises the last ``TransientError``,
+    and any other exception at once.
     """
     if tries < 1:
         raise ValueError(f"retry needs at least one try, not {tries}")

@@ -1,9 +1,8 @@
-"""A serial port that never blocks for ever and fails in one way.
+"""A serial port with time limits and a single error for a lost port.
 
-pyserial raises ``SerialException``, ``OSError`` and ``termios.error`` (which is no ``OSError``) for the same
-unplugged cable, depending on the call; here all of them are one ``LostPortError`` that names the port. The port is
-closed then, and opened again with the next call: an adapter that was pulled out and plugged in again is another
-device under the same lasting name.
+For an unplugged cable pyserial raises ``SerialException``, ``OSError`` or ``termios.error`` (which is no ``OSError``),
+depending on the call. Here all become ``LostPortError`` with the port's name. The port is then closed and reopened by
+the next call: a replugged adapter is another device under the same persistent name.
 """
 
 import contextlib
@@ -17,7 +16,7 @@ from pathlib import Path
 import serial
 
 from rig import sysfs
-from rig.devices.bus import tap
+from rig.devices.bus import monitor
 from rig.devices.bus.deadline import Deadline
 from rig.errors import DeviceError, LostPortError
 from rig.fault_notes import note_fault
@@ -26,7 +25,7 @@ _log = logging.getLogger(__name__)
 
 _READ_BYTES = 4096
 _WRITE_TIMEOUT_S = 1.0
-MOST_LATENCY_MS = 4
+MAX_LATENCY_MS = 4
 _FAILURES = (OSError, termios.error, ValueError)  # SerialException is an OSError
 
 _REMEDIES = {
@@ -52,9 +51,9 @@ _BAUD = ("cannot be opened: it has no such baud rate", "correct `baud`, or take 
 class SerialPort:
     """A raw 8N1 serial port, opened for this process alone.
 
-    Raises ``DeviceError`` where it cannot be opened (absent, in use, not permitted, no serial port at all).
-    ``path`` is a device file, best one of /dev/serial/by-id: a re-plugged adapter gets another ttyUSB number.
-    Every method but ``close`` raises ``LostPortError`` where the port has gone away and is not back.
+    Raises ``DeviceError`` if it cannot be opened (absent, in use, no permission, no serial port). ``path`` is a device
+    file, preferably in /dev/serial/by-id, as ttyUSB numbers change on replugging. All methods except ``close`` raise
+    ``LostPortError`` if the port has disappeared.
     """
 
     def __init__(self, path: str, baud: int) -> None:
@@ -72,14 +71,13 @@ class SerialPort:
             exclusive=True,
             bytesize=serial.EIGHTBITS,
         )
-        # FTDI adapters hold bytes back for 16 ms unless asked not to. A pty has no such setting and needs
-        # none.
+        # FTDI adapters buffer bytes for 16 ms by default. A pty has no such setting and needs none.
         try:
             port.set_low_latency_mode(True)
         except (ValueError, OSError) as error:
             _log.debug("%s has no low-latency mode: %s", self.path, error)
         latency_ms = sysfs.serial_latency_ms(self.path)
-        if latency_ms is not None and latency_ms > MOST_LATENCY_MS:
+        if latency_ms is not None and latency_ms > MAX_LATENCY_MS:
             note_fault(
                 f"serial port {self.path}",
                 f"its adapter holds bytes back for {latency_ms} ms, and keeps doing so",
@@ -88,27 +86,27 @@ class SerialPort:
         return port
 
     def read(self, deadline: Deadline) -> bytes:
-        """What has arrived, waiting until the deadline for a first byte; empty if none came."""
+        """Received bytes, waiting until the deadline for the first one; empty if none came."""
         with self._working() as port:
             readable, _, _ = select.select([port.fileno()], [], [], deadline.remaining_s)
             data: bytes = port.read(_READ_BYTES) if readable else b""
         if data:
-            tap.serial_bytes(self.path, "received", data)
+            monitor.serial_bytes(self.path, "received", data)
         return data
 
     def write(self, data: bytes) -> None:
-        """Send all of ``data``. A port that does not take it within a second counts as lost."""
+        """Send all of ``data``. A port that blocks for a second counts as lost."""
         with self._working() as port:
-            tap.serial_bytes(self.path, "sent", data)
+            monitor.serial_bytes(self.path, "sent", data)
             port.write(data)
 
     def discard_input(self) -> None:
-        """Throw away what has arrived and was not read."""
+        """Discard received bytes."""
         with self._working() as port:
             port.reset_input_buffer()
 
     def close(self) -> None:
-        """Give the port back. Closing twice is no error, nor is closing one that is gone."""
+        """Close the port. May be called twice, and after the port has disappeared."""
         port, self._serial = self._serial, None
         if port is not None:
             with contextlib.suppress(*_FAILURES):
@@ -147,7 +145,7 @@ def _errors(kind: type[DeviceError], path: str, problem: str, remedy: str) -> It
 
 
 def _ports_there(path: str) -> str:
-    """The ports of this computer, to follow a remedy; the one that was meant where only /dev is missing."""
+    """The serial ports of this computer, for a remedy; the intended one if only /dev is missing."""
     if not path.startswith("/") and Path("/dev", path).exists():
         return f"; did you mean /dev/{path}?"
     there = [str(each) for pattern in _PORTS for each in sorted(Path("/dev").glob(pattern))]

@@ -1,6 +1,6 @@
-"""One serial port for several listeners of this process: a stream that carries compass and barometer alike is common.
+"""One serial port shared by several listeners in this process, as for a stream with both compass and barometer.
 
-Whoever reads gets what arrives for all of them; nobody loses what another one has taken from the system's buffer.
+Each read distributes the received bytes to all listeners, so none loses what another one has read.
 """
 
 import os
@@ -11,11 +11,13 @@ from rig.devices.bus.deadline import Deadline
 from rig.devices.bus.serial_port import SerialPort
 from rig.errors import DeviceError
 
-MOST_WAITING_BYTES = 65536
-"""Of a listener that does not read for long: what is older is thrown away, as its next ``discard_input`` would do."""
+MAX_WAITING_BYTES = 65536
+"""Buffer limit of a listener that does not read; the oldest bytes are discarded, as its next ``discard_input`` would
+do.
+"""
 
 _TURN_S = 0.01
-"""So often a listener looks whether another one, who is reading, has got something for it."""
+"""Poll interval of a listener while another one is reading."""
 
 
 class _Line:
@@ -27,13 +29,13 @@ class _Line:
         self.listeners: list[SharedPort] = []
 
     def receive(self, deadline: Deadline) -> None:
-        """Read what has arrived, waiting until the deadline for a first byte, and hand it to all. ``reading`` is held."""
+        """Read, waiting until the deadline for the first byte, and distribute to all. ``reading`` is held."""
         data = self.port.read(deadline)
         for listener in list(self.listeners):
             listener.take(data)
 
     def is_at(self, path: str) -> bool:
-        """Whether the path leads to this port: a lasting name and ttyUSB0 may be the same."""
+        """Whether the path is this port: a persistent name and ttyUSB0 may be the same."""
         return os.path.realpath(self.port.path) == os.path.realpath(path)
 
 
@@ -42,9 +44,9 @@ _registry = threading.Lock()
 
 
 class SharedPort:
-    """A listener's end of a port, with the methods of ``SerialPort`` that only read; ``close`` gives up its own part.
+    """A listener's handle with the read methods of ``SerialPort``; ``close`` ends this handle only.
 
-    Raises ``DeviceError`` as ``SerialPort`` does, and where the port is open at another baud rate already.
+    Raises ``DeviceError`` as ``SerialPort`` does, and if the port is already open at another baud rate.
     """
 
     def __init__(
@@ -69,13 +71,13 @@ class SharedPort:
         self._line: _Line | None = line
 
     def take(self, data: bytes) -> None:
-        """Bytes that have arrived; called by whoever reads."""
+        """Add received bytes; called by the reading listener."""
         with self._lock:
             self._waiting += data
-            del self._waiting[:-MOST_WAITING_BYTES]
+            del self._waiting[:-MAX_WAITING_BYTES]
 
     def read(self, deadline: Deadline) -> bytes:
-        """What has arrived, waiting until the deadline for a first byte; empty if none came."""
+        """Received bytes, waiting until the deadline for the first one; empty if none came."""
         line = self._require_line()
         while True:
             last_try = deadline.expired
@@ -94,9 +96,11 @@ class SharedPort:
                 return b""
 
     def discard_input(self) -> None:
-        """Forget what has arrived and was not read; the other listeners keep it."""
+        """Discard this listener's unread bytes; the others keep theirs."""
         line = self._require_line()
-        if line.reading.acquire(timeout=_TURN_S):  # else another one has just emptied the system's buffer
+        if line.reading.acquire(
+            timeout=_TURN_S
+        ):  # otherwise another listener has just emptied the system's buffer
             try:
                 line.receive(Deadline.after(0.0))
             finally:
@@ -104,7 +108,7 @@ class SharedPort:
         self._taken()
 
     def close(self) -> None:
-        """Listen no more; the last one closes the port. Twice is no error."""
+        """Close this handle; the last one closes the port. May be called twice."""
         line, self._line = self._line, None
         if line is None:
             return

@@ -1,7 +1,7 @@
-"""What a camera of this computer is told through OpenCV: exposure, gain, white balance, focus; and given back as it was found.
+"""Sets exposure, gain, white balance and focus of a local camera through OpenCV, and restores them.
 
-The driver keeps all of it when a program ends, so that a camera comes as the last program has left it. Nothing is believed that
-was not read back: ``set`` returns true for controls that do not move.
+The driver keeps settings after a program ends, so a camera may start with anything. Settings are verified by reading
+back: ``set`` returns true even for controls without effect.
 """
 
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from rig.errors import DeviceError
 from rig.fault_notes import note_fault
 
 V4L2_AUTOMATIC, V4L2_MANUAL = 3, 1
-"""Of UVC cameras (aperture priority, manual)."""
+"""Values of UVC cameras (aperture priority, manual)."""
 
 AUTOMATIC = (V4L2_AUTOMATIC, 0, 2, 0.75)
 """V4L2's aperture priority, auto and shutter priority (videodev2.h, v4l2_exposure_auto_type), and normalised ranges."""
@@ -23,7 +23,7 @@ ABSENT = (-1.0,)
 
 
 class Capture(Protocol):
-    """What is needed of ``cv2.VideoCapture``."""
+    """The part of ``cv2.VideoCapture`` used here."""
 
     def get(self, propId: int) -> float: ...
     def set(self, propId: int, value: float) -> bool: ...
@@ -31,7 +31,7 @@ class Capture(Protocol):
 
 @dataclass(frozen=True)
 class FixedControl:
-    """A control that the configuration fixes: its key and property, and the automatic that has to be off for it."""
+    """A configured control: its key, property and value, and the automatic mode that must be off for it."""
 
     key: str
     property_id: int
@@ -40,9 +40,9 @@ class FixedControl:
 
 
 class LocalExposure:
-    """The exposure of a V4L2 camera, in stops from what its automatic chose last, or from a fixed one.
+    """Exposure of a V4L2 camera, in stops relative to the last automatic value, or to a fixed one.
 
-    ``name`` is what errors call the camera. ``fixed`` is in the driver's unit (V4L2: 100 us).
+    ``name`` is used in errors. ``fixed`` is in the driver's unit (V4L2: 100 us).
     """
 
     def __init__(self, capture: Capture, fixed: float | None = None, name: str = "camera") -> None:
@@ -55,10 +55,9 @@ class LocalExposure:
         self._found_exposure = capture.get(cv2.CAP_PROP_EXPOSURE)
 
     def begin(self) -> None:
-        """Automatic, or the fixed exposure, whatever another program has left.
+        """Set automatic or the fixed exposure, whatever was set before.
 
-        Raises ``DeviceError`` where the camera stays at the manual exposure that it was left with, or does not take the
-        fixed one.
+        Raises ``DeviceError`` if the camera stays in manual mode, or rejects the fixed exposure.
         """
         if self._fixed is not None:
             if not (self._choose(MANUAL) and self._expose(self._fixed)):
@@ -76,7 +75,7 @@ class LocalExposure:
             )
 
     def set(self, ev: float) -> None:
-        """Set it where it is another one. A driver without such controls ignores it, and that is noted."""
+        """Set the exposure if it differs. A driver without such controls ignores it, which is noted."""
         if ev == self._ev:
             return
         if self._ev == 0.0:
@@ -90,7 +89,7 @@ class LocalExposure:
             note_fault(self._name, f"takes no exposure of {ev:+g} EV", "went on as it exposes")
 
     def restore(self) -> None:
-        """As it was found: mode and, where that was manual, value. What the camera does not take any more is left."""
+        """Restore mode and, if manual, value as found. Rejected settings are left."""
         if self._found_mode in MANUAL:
             self._choose(MANUAL)
             self._expose(self._found_exposure)
@@ -98,16 +97,16 @@ class LocalExposure:
             self._choose(self._automatic_first())
 
     def _automatic_first(self) -> tuple[float, ...]:
-        """The automatic that was on when the camera was opened, before the others."""
+        """The automatic modes to try, the one found at opening first."""
         first = (self._found_mode,) if self._found_mode in AUTOMATIC else ()
         return (*first, *AUTOMATIC)
 
     def _choose(self, modes: tuple[float, ...]) -> bool:
-        """The first of these modes that the camera takes and then has."""
-        return any(took(self._capture, cv2.CAP_PROP_AUTO_EXPOSURE, mode) for mode in modes)
+        """Set the first of these modes that the camera accepts and keeps."""
+        return any(set_and_verified(self._capture, cv2.CAP_PROP_AUTO_EXPOSURE, mode) for mode in modes)
 
     def _expose(self, exposure: float) -> bool:
-        """Whether it takes an exposure; a driver rounds it to a step of its own."""
+        """Whether it accepts an exposure; drivers round to their own steps."""
         if not self._capture.set(cv2.CAP_PROP_EXPOSURE, exposure):
             return False
         return abs(self._exposure() - exposure) <= max(1.0, 0.1 * abs(exposure))
@@ -117,7 +116,7 @@ class LocalExposure:
 
 
 class FixedControls:
-    """Controls that the configuration fixes, set and read back; ``restore`` gives back what was there."""
+    """Configured controls, set and verified; ``restore`` undoes them."""
 
     def __init__(self, capture: Capture, controls: tuple[FixedControl, ...], name: str) -> None:
         self._capture = capture
@@ -140,12 +139,12 @@ class FixedControls:
                 )
 
     def restore(self) -> None:
-        """As they were found, the automatics last: a control cannot be set while its automatic is on."""
+        """Restore the controls as found, automatic modes last: a control cannot be set while its automatic mode is on."""
         for property_id, value in reversed(self._found):
             if value not in ABSENT:
                 self._capture.set(property_id, value)
 
 
-def took(capture: Capture, property_id: int, value: float) -> bool:
-    """Whether a control was set and then has that value."""
+def set_and_verified(capture: Capture, property_id: int, value: float) -> bool:
+    """Set a control; whether it then has that value."""
     return bool(capture.set(property_id, value)) and capture.get(property_id) == value

@@ -1,4 +1,4 @@
-"""A camera that is asked for pictures over HTTP, with the user and password that its address holds."""
+"""HTTP requests to cameras, with the user and password of the address."""
 
 import errno
 import http.client
@@ -13,7 +13,7 @@ from rig.config.camera_url import without_secrets
 
 
 def credentials(url: str) -> tuple[str, str | None, str | None]:
-    """The URL without user and password, and these, decoded; None where it has none. ``ValueError`` for a broken URL."""
+    """The URL without user and password, and these two decoded, None if absent. ``ValueError`` for an invalid URL."""
     parts = urllib.parse.urlsplit(url)
     _ = parts.port  # ValueError where it is no number
     user = urllib.parse.unquote(parts.username) if parts.username is not None else None
@@ -22,7 +22,7 @@ def credentials(url: str) -> tuple[str, str | None, str | None]:
 
 
 class UnusableUrlError(OSError):
-    """Why an HTTP request got no answer that is of use: what the camera does, and what to do."""
+    """An HTTP request without a usable answer: the camera's behaviour, and what to do."""
 
     def __init__(self, problem: str, remedy: str) -> None:
         super().__init__(f"{problem}; {remedy}")
@@ -30,9 +30,9 @@ class UnusableUrlError(OSError):
 
 
 def get(url: str, timeout_s: float, key: str) -> http.client.HTTPResponse:
-    """The opened answer to GET, redirects followed, with the URL's user and password (basic or digest).
+    """The response to GET, redirects followed, with the URL's user and password (basic or digest).
 
-    Raises ``UnusableUrlError``, with ``key`` as what the operator has to correct.
+    Raises ``UnusableUrlError``; ``key`` names the configuration key to correct.
     """
     try:
         plain, user, password = credentials(url)
@@ -63,7 +63,7 @@ def _by_status(error: urllib.error.HTTPError, had_user: bool, key: str) -> tuple
     status = error.code
     said = f"HTTP {status}"
     if status == 401:
-        return wants_user(had_user, said, key)
+        return missing_credentials(had_user, said, key)
     if status == 403:
         return (
             f"forbids it to this user ({said})",
@@ -86,8 +86,8 @@ def _by_status(error: urllib.error.HTTPError, had_user: bool, key: str) -> tuple
     )
 
 
-def wants_user(had_user: bool, said: str, key: str) -> tuple[str, str]:
-    """Problem and remedy of a camera that asks who watches."""
+def missing_credentials(had_user: bool, said: str, key: str) -> tuple[str, str]:
+    """Problem and remedy of a camera that requires authentication."""
     if had_user:
         return (
             f"does not accept the user and the password ({said})",
@@ -100,7 +100,7 @@ def wants_user(had_user: bool, said: str, key: str) -> tuple[str, str]:
 
 
 def why_not_connected(error: Any, url: str, timeout_s: float, key: str) -> tuple[str, str]:
-    """Problem and remedy of a connection that failed. ``error`` is an exception, or urllib's text."""
+    """Problem and remedy of a failed connection. ``error`` is an exception, or urllib's text."""
     try:
         parts = urllib.parse.urlsplit(url)
         host, port = parts.hostname or "", parts.port or {"https": 443, "rtsp": 554}.get(parts.scheme, 80)

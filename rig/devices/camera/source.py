@@ -1,4 +1,4 @@
-"""What is behind [camera] source: why it cannot be opened, and cameras that give one picture for each request."""
+"""Diagnosis of [camera] source if it cannot be opened, and cameras that deliver single pictures."""
 
 import errno
 import os
@@ -13,21 +13,21 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.devices.camera.http import UnusableUrlError, credentials, get, wants_user, why_not_connected
+from rig.devices.camera.http import UnusableUrlError, credentials, get, missing_credentials, why_not_connected
 
 KEY = "[camera] source"
 ASK_TIMEOUT_S = 1.5
-LEAST_BETWEEN_S = 0.05
-"""Between two pictures that are asked for: a camera that answers at once shall have time for others."""
-MOST_PICTURE_BYTES = 50_000_000
+MIN_BETWEEN_S = 0.05
+"""Pause between requested pictures: a fast camera must have time for other clients."""
+MAX_PICTURE_BYTES = 50_000_000
 
 Words = tuple[str, str]
 
 
 class Snapshots:
-    """A camera that gives one picture for each request, with the methods of ``cv2.VideoCapture``.
+    """A camera that delivers one picture per request, with the methods of ``cv2.VideoCapture``.
 
-    ``grab`` raises ``UnusableUrlError`` where there is none.
+    ``grab`` raises ``UnusableUrlError`` if there is none.
     """
 
     def __init__(self, url: str, timeout_s: float) -> None:
@@ -36,18 +36,18 @@ class Snapshots:
         self._asked_s = -1.0
 
     def grab(self) -> bool:
-        """Ask for a picture, and wait for it: it is from after the request."""
-        time.sleep(max(0.0, self._asked_s + LEAST_BETWEEN_S - time.monotonic()))
+        """Request a picture and wait for it: it was taken after the request."""
+        time.sleep(max(0.0, self._asked_s + MIN_BETWEEN_S - time.monotonic()))
         self._asked_s = time.monotonic()
         with get(self._url, self._timeout_s, KEY) as answer:
             try:
-                self._picture = answer.read(MOST_PICTURE_BYTES)
+                self._picture = answer.read(MAX_PICTURE_BYTES)
             except OSError as error:
                 raise UnusableUrlError(*why_not_connected(error, self._url, self._timeout_s, KEY)) from None
         return bool(self._picture)
 
     def retrieve(self) -> tuple[bool, NDArray[Any]]:
-        """The picture that was grabbed, decoded."""
+        """The grabbed picture, decoded."""
         image = cv2.imdecode(np.frombuffer(self._picture, np.uint8), cv2.IMREAD_COLOR)
         return (False, np.empty(0, np.uint8)) if image is None else (True, image)
 
@@ -64,12 +64,12 @@ class Snapshots:
 
 
 def is_http(source: object) -> bool:
-    """Whether a source is asked over HTTP."""
+    """Whether a source is an HTTP address."""
     return isinstance(source, str) and source.lower().startswith(("http://", "https://"))
 
 
 def gives_snapshots(url: str) -> bool:
-    """Whether an HTTP address gives one picture and not a stream. False where that cannot be found out."""
+    """Whether an HTTP address delivers a single picture instead of a stream. False if that cannot be determined."""
     try:
         with get(url, ASK_TIMEOUT_S, KEY) as answer:
             return _content_type(answer).startswith("image/")
@@ -78,7 +78,7 @@ def gives_snapshots(url: str) -> bool:
 
 
 def why_not_opened(source: int | str) -> Words:
-    """Problem and remedy of a source that OpenCV cannot open, asked for in other ways."""
+    """Problem and remedy of a source that OpenCV cannot open, found by other means."""
     if isinstance(source, int) or source.startswith("/dev/"):
         return _of_a_device(f"/dev/video{source}" if isinstance(source, int) else source)
     if is_http(source):
@@ -140,7 +140,7 @@ def _of_rtsp(url: str) -> Words:
         )
     said = line.split(" ")[1] if line.startswith("RTSP/") and " " in line else ""
     if said == "401":
-        problem, remedy = wants_user(user is not None, "RTSP 401", KEY)
+        problem, remedy = missing_credentials(user is not None, "RTSP 401", KEY)
         return f"cannot be opened: {problem}", remedy
     if said == "403":
         return "cannot be opened: forbids it to this user (RTSP 403)", "give the user the right to watch"

@@ -1,7 +1,7 @@
-"""Controls of a V4L2 camera that change the picture's geometry or light, set to the driver's defaults while the rig uses it.
+"""Resets V4L2 controls that change geometry or brightness to the driver's defaults while the rig uses the camera.
 
-Digital zoom, a mirrored or turned picture and a panned detail make other intrinsics of the same size; brightness and gain a
-picture without a skyline. The driver keeps what the last program set. OpenCV tells no defaults; the kernel does
+Digital zoom, mirroring, rotation and panning change the intrinsics without changing the size; brightness and gain can
+hide the skyline. The driver keeps what the last program set. OpenCV does not report defaults; the kernel does
 (linux/videodev2.h: VIDIOC_QUERYCTRL, VIDIOC_G_CTRL, VIDIOC_S_CTRL).
 """
 
@@ -43,7 +43,7 @@ Ioctl = Callable[[int, int, bytearray], object]
 
 
 class Control(NamedTuple):
-    """One control as the kernel tells it."""
+    """One control as reported by the kernel."""
 
     control_id: int
     value: int
@@ -51,10 +51,10 @@ class Control(NamedTuple):
 
 
 class V4l2Settings:
-    """The controls at their defaults; ``restore`` gives back what was found.
+    """Sets the controls to their defaults; ``restore`` undoes it.
 
-    Raises ``DeviceError`` where the picture stays zoomed, mirrored, turned or moved. A device that is not there, or tells of no
-    controls, has none to set: opening it says what is wrong with it.
+    Raises ``DeviceError`` if the picture stays zoomed, mirrored, rotated or panned. A missing device, or one without
+    controls, is ignored: opening it reports the fault.
     """
 
     def __init__(self, source: int | str, name: str, ioctl: Ioctl = fcntl.ioctl) -> None:
@@ -72,7 +72,7 @@ class V4l2Settings:
             )
 
     def restore(self) -> None:
-        """As they were found. What the camera does not take any more is left."""
+        """Restore the controls as found. Rejected settings are left."""
         found, self._found = self._found, []
         if not found:
             return
@@ -88,7 +88,7 @@ class V4l2Settings:
             os.close(device)
 
     def _each(self, act: Callable[[int, Control, str], str | None]) -> list[str]:
-        """What ``act`` says of each control that the camera has."""
+        """The results of ``act`` for each existing control."""
         try:
             device = os.open(self._path, os.O_RDWR | os.O_NONBLOCK)
         except OSError as error:

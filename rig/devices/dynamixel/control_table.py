@@ -1,7 +1,7 @@
-"""The registers of the servos that the rig knows: XM430-W350 and XL430-W250.
+"""Registers of the supported servos: XM430-W350 and XL430-W250.
 
-Addresses and lengths are those of the vendor's own tables, which dynamixel-sdk ships as data. What those lack
-is here: which registers are signed, and the size of a unit (e-manual, "Control Table" of each model).
+Addresses and lengths come from the vendor's tables, which dynamixel-sdk ships as data. Added here: which registers are
+signed, and their units (e-manual, "Control Table" of each model).
 """
 
 from dataclasses import dataclass
@@ -20,15 +20,15 @@ BUS_WATCHDOG_FIRMWARE = 38
 
 POSITION_MODE = 3
 NO_SECONDARY_ID = 255
-LEAST_OFF_SECONDARY_ID = 253
-"""From here on a Secondary ID is off."""
+MIN_DISABLED_SECONDARY_ID = 253
+"""A Secondary ID from this value on is disabled."""
 
 PROTOCOL_2 = 2
-ANSWER_EVERYTHING = 2
+STATUS_RETURN_ALL = 2
 """Status Return Level: 0 answers a ping only, 1 a ping and a read."""
 
-REVERSED = 0x01
-"""Drive Mode, bit 0: positions count the other way round."""
+REVERSE_MODE = 0x01
+"""Drive Mode, bit 0: positions count in reverse."""
 
 FACTORY_SHUTDOWN = 0x34
 STARTUP_CONFIGURATION_FIRMWARE = 45
@@ -53,7 +53,7 @@ FACTORY_EEPROM: dict[str, dict[str, int]] = {
     },
     "XL430-W250": {"Moving Threshold": 10, "PWM Limit": 885, "Velocity Limit": 265},
 }
-"""EEPROM that decides whether and how far a goal is followed, as it leaves the factory (e-manual, "Control Table")."""
+"""Factory values of the EEPROM registers that affect how goals are followed (e-manual, "Control Table")."""
 
 FACTORY_PROTECTION: dict[str, dict[str, tuple[int, int]]] = {
     "XM430-W350": {
@@ -67,7 +67,7 @@ FACTORY_PROTECTION: dict[str, dict[str, tuple[int, int]]] = {
         "Max Voltage Limit": (60, 140),
     },
 }
-"""What an installer may narrow these to: 1 °C, and 0.1 V."""
+"""Factory limits of the protection registers, which an installer may narrow: 1 °C, and 0.1 V."""
 
 FACTORY_RAM: dict[str, dict[str, int]] = {
     "XM430-W350": {
@@ -92,7 +92,7 @@ FACTORY_RAM: dict[str, dict[str, int]] = {
         "Goal PWM": 885,
     },
 }
-"""The same in RAM. Goal PWM and Goal Current are ceilings in position mode."""
+"""Factory values in RAM. Goal PWM and Goal Current are limits in position mode."""
 
 _SIGNED = frozenset(
     {
@@ -115,7 +115,7 @@ _SIGNED = frozenset(
 
 @dataclass(frozen=True)
 class Register:
-    """Where a value lies in a servo's control table, and how its bytes are read (little-endian)."""
+    """A register of the control table: address, length and sign (little-endian)."""
 
     name: str
     address: int
@@ -123,7 +123,7 @@ class Register:
     signed: bool
 
     def encode(self, value: int) -> bytes:
-        """The bytes to write. Raises ``OverflowError`` where the value does not fit."""
+        """The bytes to write. Raises ``OverflowError`` if the value does not fit."""
         return value.to_bytes(self.length, "little", signed=self.signed)
 
     def decode(self, data: bytes, start: int | None = None) -> int:
@@ -133,7 +133,7 @@ class Register:
 
 
 STARTUP_CONFIGURATION = Register("Startup Configuration", 60, 1, signed=False)
-"""Not in the vendor's tables: torque on, and RAM from a backup, when the servo starts. From firmware 45 on."""
+"""Not in the vendor's tables: torque on, and RAM restored from a backup, at start-up. From firmware 45 on."""
 
 
 @cache

@@ -1,7 +1,7 @@
 """Dynamixel Protocol 2.0 as pure functions: packets to bytes and back.
 
-Written against the ROBOTIS e-manual, "Protocol 2.0". The vendor's SDK (4.1.0) neither stuffs what it sends
-nor un-stuffs all of what it receives, so that it serves here for its control tables only.
+Written from the ROBOTIS e-manual, "Protocol 2.0". The vendor's SDK (4.1.0) does not stuff what it sends and does not
+un-stuff everything that it receives, so only its control tables are used.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ _PREFIX_BYTES = len(_HEADER) + 3  # header, id, length
 _CRC_BYTES = 2
 _STATUS = 0x55
 _MIN_LENGTH = 3  # instruction and CRC
-_MAX_LENGTH = 1024  # more than any register block: what claims more is noise that looks like a header
+_MAX_LENGTH = 1024  # more than any register block: a larger length is noise
 
 
 class Instruction(IntEnum):
@@ -31,7 +31,7 @@ class Instruction(IntEnum):
 
 
 class StatusError(IntEnum):
-    """Why a servo refused an instruction (bits 6..0 of the error byte)."""
+    """Why a servo rejected an instruction (bits 6..0 of the error byte)."""
 
     RESULT_FAIL = 1
     INSTRUCTION = 2
@@ -57,7 +57,7 @@ class Status:
 
     @property
     def error_number(self) -> int:
-        """0, or why the instruction was refused: a ``StatusError`` in all known firmware."""
+        """0, or why the instruction was rejected: a ``StatusError`` in all known firmware."""
         return self.error_byte & 0x7F
 
 
@@ -88,7 +88,7 @@ def stuff(body: bytes) -> bytes:
 
 
 def unstuff(body: bytes) -> bytes:
-    """What ``stuff`` was given."""
+    """The inverse of ``stuff``."""
     return body.replace(b"\xff\xff\xfd\xfd", b"\xff\xff\xfd")
 
 
@@ -100,11 +100,10 @@ def frame(servo_id: int, instruction: int, parameters: bytes = b"") -> bytes:
 
 
 class StatusParser:
-    """Cuts a stream of bytes into status packets, finding its way back after garbage.
+    """Splits a byte stream into status packets and resynchronises after garbage.
 
-    Stuffing keeps FF FF FD 00 out of every packet, so a header always starts one, and a header inside a
-    packet proves that packet to be cut short. ``problem`` says what was dropped last, for the error message
-    of whoever waits in vain.
+    Stuffing keeps FF FF FD 00 out of every packet, so a header always starts one, and a header inside a packet proves
+    that packet truncated. ``problem`` says what was dropped last, for the error message after a timeout.
     """
 
     def __init__(self) -> None:
@@ -145,9 +144,9 @@ class StatusParser:
 
     def _skip_to_header(self) -> bool:
         start = self._buffer.find(_HEADER)
-        if start < 0:  # its first bytes may be at the end
+        if start < 0:  # the start of a header may be at the end
             start = max(0, len(self._buffer) - len(_HEADER) + 1)
-        if start:  # the rest of a packet that was given up is no news
+        if start:  # the rest of a dropped packet needs no report
             earlier = self.problem
             self._drop(start, "bytes that are no packet")
             self.problem = earlier or self.problem

@@ -1,4 +1,4 @@
-"""Which servos answer at all, and at which baud rate: for whoever finds the configured ones silent."""
+"""Scans for servos at all baud rates, for messages about silent ones."""
 
 from collections.abc import Mapping
 
@@ -8,19 +8,19 @@ from rig.devices.dynamixel.servo_bus import ServoBus
 from rig.errors import DeviceError
 
 BAUDS = (57600, 1_000_000, 115200, 2_000_000, 3_000_000, 4_000_000, 4_500_000, 9600)
-"""As X servos have them, the factory's setting first."""
+"""The baud rates of X-series servos, the factory setting first."""
 
 ALL_ANSWER_S = 0.8
-"""Each servo answers a ping to all in its turn, 3 ms for each id (the vendor's SDK waits as long)."""
+"""Duration of a broadcast ping: each servo answers in turn, 3 ms for each id (as in the vendor's SDK)."""
 SOME_ANSWER_S = 0.2
-"""So long servos of the ids that people give take to answer."""
+"""Time for answers of servos with usual (low) ids."""
 
 Found = Mapping[int, int]
 """Model numbers by id."""
 
 
 def servos_at(path: str, baud: int, wait_s: float = SOME_ANSWER_S) -> Found:
-    """The servos that answer on a port at a baud rate; none where the port cannot be used so."""
+    """The servos that answer on a port at a baud rate; none if the port cannot be used."""
     try:
         bus = ServoBus(SerialPort(path, baud))
     except DeviceError:
@@ -34,9 +34,9 @@ def servos_at(path: str, baud: int, wait_s: float = SOME_ANSWER_S) -> Found:
 
 
 def scan_hint(path: str, baud: int) -> str | None:
-    """What answers on a port on which the configured servos do not, as an instruction; None where nothing does.
+    """What answers on a port instead of the configured servos, as an instruction; None if nothing does.
 
-    Nothing moves: all servos are asked who they are, at one baud rate after the other.
+    Nothing moves: servos are only pinged, at one baud rate after the other.
     """
     here = servos_at(path, baud, ALL_ANSWER_S)
     if here:

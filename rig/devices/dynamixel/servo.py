@@ -1,28 +1,27 @@
-"""One Dynamixel servo in position mode: set-up, goal, state, and what is wrong with it."""
+"""One Dynamixel servo in position mode: set-up, goal, state and errors."""
 
 import logging
-import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from rig.devices.dynamixel import control_table as table
 from rig.devices.dynamixel.servo_bus import ServoBus
-from rig.errors import DeviceError, TransientError, WrongDeviceError
+from rig.errors import DeviceError, TransientError
 from rig.fault_notes import note_fault
 
 _log = logging.getLogger(__name__)
 
-_STATE_ADDRESS = 122  # Moving ... Present Temperature, one contiguous block
-_STATE_LENGTH = 25
+STATE_ADDRESS = 122  # Moving ... Present Temperature, one contiguous block
+STATE_LENGTH = 25
 _IN_POSITION = 0x01
 _EEPROM = 9, 55  # Return Delay Time ... Shutdown: address and length of one read
 _RAM = 64, 40  # Torque Enable ... Goal Current
-_JUMP_TICKS = 64  # 5.6 deg: more than what the head sags or is pulled when the torque comes on
+_JUMP_TICKS = 64  # 5.6 deg: more than sag, or motion when the torque comes on
 
 
 @dataclass(frozen=True)
 class ServoState:
-    """What one servo says about itself. ``current_a`` is measured (XM), ``load_percent`` inferred (XL)."""
+    """State of one servo. ``current_a`` is measured (XM), ``load_percent`` inferred (XL)."""
 
     position_tick: int
     velocity_deg_s: float
@@ -37,7 +36,7 @@ class ServoState:
 
 
 class Servo:
-    """A servo on a bus; ``name`` is how errors call it. Its methods raise what ``ServoBus`` raises."""
+    """A servo on a bus; ``name`` is used in errors. Its methods raise what ``ServoBus`` raises."""
 
     def __init__(self, bus: ServoBus, servo_id: int, model: str, name: str) -> None:
         self._bus = bus
@@ -48,29 +47,29 @@ class Servo:
         self._counts_wrongly = False
 
     def read(self, register: str) -> int:
-        """A register by the vendor's name, in its own unit."""
+        """Read a register by the vendor's name, in register units."""
         where = self._registers[register]
         return where.decode(self._bus.read(self.servo_id, where.address, where.length))
 
     def write(self, register: str, value: int) -> None:
-        """Write a register by the vendor's name, in its own unit."""
+        """Write a register by the vendor's name, in register units."""
         where = self._registers[register]
         self._bus.write(self.servo_id, where.address, where.encode(value))
 
-    def answer_everything(self) -> None:
-        """Have the servo answer reads and writes too: another program may have left it at answering pings only.
+    def set_status_return_all(self) -> None:
+        """Set Status Return Level 2, answer everything: another program may have left it at pings only.
 
-        Raises ``TransientError`` where it does not answer a read even then.
+        Raises ``TransientError`` if it still does not answer a read.
         """
         try:
-            if self.read("Status Return Level") == table.ANSWER_EVERYTHING:
+            if self.read("Status Return Level") == table.STATUS_RETURN_ALL:
                 return
-        except TransientError as error:  # at level 0 it answers no read; one that is lost is asked for again
+        except TransientError as error:  # at level 0 it answers no reads; a lost answer is retried
             _log.debug("%s", error)
         where = self._registers["Status Return Level"]
-        level = where.encode(table.ANSWER_EVERYTHING)
+        level = where.encode(table.STATUS_RETURN_ALL)
         self._bus.write_unanswered(self.servo_id, where.address, level)
-        if self.read("Status Return Level") != table.ANSWER_EVERYTHING:
+        if self.read("Status Return Level") != table.STATUS_RETURN_ALL:
             raise TransientError(
                 self.name,
                 "answers a ping and keeps its Status Return Level",
@@ -78,29 +77,31 @@ class Servo:
             )
         _log.info("%s: was set to answer not everything (Status Return Level); set to 2", self.name)
 
-    def answer_reads(self) -> None:
-        """``answer_everything`` of a servo that does not even answer a read; nothing is written to one that does."""
+    def ensure_reads_answered(self) -> None:
+        """``set_status_return_all`` for a servo that does not answer reads; nothing is written to others."""
         try:
             self.read("Status Return Level")
         except TransientError as error:
             _log.debug("%s", error)
-            self.answer_everything()
+            self.set_status_return_all()
 
-    def stand_alone(self) -> None:
-        """Torque off, and no Secondary ID: with one the servo obeys what another is told, without an answer.
+    def disable_secondary_id(self) -> None:
+        """Torque off and Secondary ID disabled: with one the servo also executes another servo's instructions,
+        unanswered.
 
-        For all servos of a bus before any of them is told anything else.
+        Call it for all servos of a bus before any other instruction.
         """
         self.torque(False)
-        if self.read("Secondary(Shadow) ID") < table.LEAST_OFF_SECONDARY_ID:
+        if self.read("Secondary(Shadow) ID") < table.MIN_DISABLED_SECONDARY_ID:
             self.write("Secondary(Shadow) ID", table.NO_SECONDARY_ID)
             _log.info("%s: had a Secondary ID; switched off", self.name)
 
     def clear_eeprom(self, firmware: int) -> None:
-        """Undo what another program has left in the EEPROM and what changes the meaning of a command; torque off.
+        """Reset EEPROM registers that another program may have changed and that alter the meaning of commands; torque
+        off.
 
-        Drive Mode and Operating Mode, and the position limits, are ``configure``'s. Raises what ``require_one_turn`` raises
-        where the servo counts the other way round and was turned by hand.
+        Drive Mode, Operating Mode and position limits are set by ``configure``. Raises as ``require_one_turn`` if the
+        servo counts in reverse and was turned by hand.
         """
         self.torque(False)
         block = self._bus.read(self.servo_id, *_EEPROM)
@@ -117,16 +118,19 @@ class Servo:
         for name, (low, high) in table.FACTORY_PROTECTION[self.model].items():
             if not low <= value(name) <= high:
                 wanted[name] = low if name.startswith("Min") else high
-        is_reversed = bool(value("Drive Mode") & table.REVERSED)
+        is_reversed = bool(value("Drive Mode") & table.REVERSE_MODE)
         if (value("Operating Mode") != table.POSITION_MODE or is_reversed) and not self._counts_wrongly:
-            # A change of these begins the count anew, and with it forgets that the head was turned too far.
+            # Changing these resets the turn count, and with it the information that the head was turned too
+            # far.
             position = self.read("Present Position")
-            self.require_one_turn(position - self._honoured(value("Homing Offset"), value("Operating Mode")))
+            self.require_one_turn(
+                position - self._effective_homing_offset(value("Homing Offset"), value("Operating Mode"))
+            )
         self._counts_wrongly |= is_reversed
         if self._counts_wrongly:
-            self._count_the_right_way()
+            self._set_normal_direction()
         if value("Homing Offset"):
-            self._tell(
+            self._log_zero_shift(
                 f"had a Homing Offset of {value('Homing Offset')} ticks, left by another program",
                 "set to 0; look at zero_tick, which counts without it",
             )
@@ -136,27 +140,29 @@ class Servo:
             self._bus.write(self.servo_id, startup.address, startup.encode(0))
             _log.info("%s: was set to start with torque or another program's RAM; set to 0", self.name)
 
-    def _count_the_right_way(self) -> None:
-        """Drive Mode 0, and the count of turns begun anew, which was in the other sense. Goes on where it was interrupted."""
+    def _set_normal_direction(self) -> None:
+        """Set Drive Mode 0 and reset the turn count, which was reversed. Safe to repeat after an interruption."""
         self.write("Drive Mode", 0)
         if not 0 <= self.read("Present Position") < table.TICKS_PER_TURN:
-            self._bus.clear_turns(self.servo_id)
+            self._bus.clear_multi_turn(self.servo_id)
         self._counts_wrongly = False
-        self._tell("counted the other way round (Drive Mode)", "set right; look at zero_tick and direction")
+        self._log_zero_shift(
+            "counted the other way round (Drive Mode)", "set right; look at zero_tick and direction"
+        )
 
     @staticmethod
-    def _honoured(homing_offset: int, operating_mode: int) -> int:
-        """What a Homing Offset adds to a position: in position mode nothing where it is more than a quarter turn."""
+    def _effective_homing_offset(homing_offset: int, operating_mode: int) -> int:
+        """The effective Homing Offset: in position mode none if it exceeds a quarter turn."""
         quarter = table.TICKS_PER_TURN // 4
         return 0 if operating_mode == table.POSITION_MODE and abs(homing_offset) > quarter else homing_offset
 
-    def _tell(self, problem: str, action: str) -> None:
-        """Say what changes the meaning of zero_tick: it is only found once."""
+    def _log_zero_shift(self, problem: str, action: str) -> None:
+        """Log a change of the meaning of zero_tick: it is found only once."""
         note_fault(self.name, problem, action)
         _log.warning("%s: %s; %s", self.name, problem, action)
 
     def clear_ram(self) -> None:
-        """The factory's gains and ceilings: at 0, or at another program's, the servo does not get to its goal."""
+        """Set factory gains and limits: with others, such as 0, the servo does not reach its goal."""
         block = self._bus.read(self.servo_id, *_RAM)
         self._write_where_different(
             (name, wanted, self._registers[name].decode(block, _RAM[0]))
@@ -172,11 +178,11 @@ class Servo:
     def configure(
         self, min_tick: int, max_tick: int, velocity_deg_s: float, acceleration_deg_s2: float
     ) -> None:
-        """Position mode within limits that the servo itself keeps, and a speed; leaves the torque off, and has it answer.
+        """Set position mode, the servo's own position limits, and a speed; torque off, status return on.
 
-        The EEPROM is written only where it differs: it wears out, and it can be written only without torque.
+        EEPROM is written only if it differs: it wears out, and needs the torque off.
         """
-        self.answer_everything()
+        self.set_status_return_all()
         self.torque(False)
         self.disarm_bus_watchdog()
         for register, value in {
@@ -192,20 +198,20 @@ class Servo:
         self.set_profile(velocity_deg_s, acceleration_deg_s2)
 
     def set_profile(self, velocity_deg_s: float, acceleration_deg_s2: float) -> None:
-        """How fast the servo goes to its goal. Needed anew after a change of mode, a restart and a tripped
-        watchdog: each of them resets the profile to 0, which means as fast as it can.
+        """Set the motion profile. Needed again after a mode change, a reboot and a tripped watchdog: each resets the
+        profile to 0, which means full speed.
         """
         self.write("Profile Acceleration", _units(acceleration_deg_s2, table.ACCELERATION_UNIT_DEG_S2))
         self.write("Profile Velocity", _units(velocity_deg_s, table.VELOCITY_UNIT_DEG_S))
 
     def torque(self, on: bool) -> None:
-        """Hold the position, or let go."""
+        """Switch the torque on or off."""
         self.write("Torque Enable", int(on))
 
     def hold(self, min_tick: int, max_tick: int) -> None:
-        """Torque on, with the goal where the servo stands, or at the limit that it stands beyond.
+        """Torque on with the goal at the present position, or at the limit that it is beyond.
 
-        ``DeviceError``, and the torque off, where it stands beyond one turn: torque would fold the position back into it.
+        ``DeviceError``, and torque off, if it is beyond one turn: with torque the position would wrap into one turn.
         """
         before = self.read("Present Position")
         self.require_one_turn(before)
@@ -222,7 +228,7 @@ class Servo:
             )
 
     def require_one_turn(self, position_tick: int) -> None:
-        """Raise ``DeviceError`` where a position lies beyond one turn: by hand without torque, or by another program."""
+        """Raise ``DeviceError`` if a position is beyond one turn, turned by hand without torque or by another program."""
         if not 0 <= position_tick < table.TICKS_PER_TURN:
             way = "forward" if position_tick > 0 else "backward"
             raise DeviceError(
@@ -233,19 +239,19 @@ class Servo:
             )
 
     def arm_bus_watchdog(self, timeout_s: float) -> None:
-        """Have the servo stop by itself when it hears no packet for ``timeout_s``."""
+        """Let the servo stop by itself if it receives no packet for ``timeout_s``."""
         self.write("Bus Watchdog", _units(timeout_s, table.BUS_WATCHDOG_UNIT_S))
 
     def disarm_bus_watchdog(self) -> None:
-        """End the watch. Clears a tripped watchdog too, which has reset the profile: see ``set_profile``."""
+        """Disable the bus watchdog. Also clears a tripped one, which has reset the profile: see ``set_profile``."""
         self.write("Bus Watchdog", 0)
 
     def bus_watchdog_tripped(self) -> bool:
-        """Whether the watchdog has stopped the servo. It then refuses goals until it is disarmed."""
+        """Whether the watchdog has stopped the servo, which then rejects goals until it is disabled."""
         return self.read("Bus Watchdog") == table.BUS_WATCHDOG_TRIPPED
 
     def hardware_errors(self) -> tuple[str, ...]:
-        """What the servo's hardware error status says, empty where all is well."""
+        """Hardware errors by name; empty if there are none."""
         status = self.read("Hardware Error Status")
         known = tuple(
             text + self._against_limits(bit) for bit, text in table.HARDWARE_ERRORS.items() if status & bit
@@ -254,7 +260,7 @@ class Servo:
         return (*known, f"unknown hardware error 0x{unknown:02X}") if unknown else known
 
     def _against_limits(self, error_bit: int) -> str:
-        """For an error against a limit that is narrower than the factory's: the value and the limit, in words."""
+        """For an error with a limit narrower than the factory's: value and limit in words."""
         factory = table.FACTORY_PROTECTION[self.model]
 
         def narrowed(name: str) -> bool:
@@ -277,7 +283,7 @@ class Servo:
         """The state in the 25 bytes from register 122 on."""
 
         def value(register: str) -> int:
-            return self._registers[register].decode(block, _STATE_ADDRESS)
+            return self._registers[register].decode(block, STATE_ADDRESS)
 
         # One address, two meanings: a measured current in the XM, an inferred load in the XL.
         measures_current = "Present Current" in self._registers
@@ -293,61 +299,6 @@ class Servo:
             alert=alert,
             monotonic_s=monotonic_s,
         )
-
-
-def read_states(bus: ServoBus, servos: Sequence[Servo]) -> list[ServoState]:
-    """The state of all servos, in their order, with one instruction.
-
-    Raises ``TransientError`` naming every servo that did not answer.
-    """
-    statuses = bus.sync_read([servo.servo_id for servo in servos], _STATE_ADDRESS, _STATE_LENGTH)
-    now_s = time.monotonic()
-    silent = [servo.name for servo in servos if servo.servo_id not in statuses]
-    if silent:
-        raise TransientError(" and ".join(silent), "no valid answer", "check power and the servo cable")
-    return [
-        servo.decode_state(statuses[servo.servo_id].parameters, statuses[servo.servo_id].alert, now_s)
-        for servo in servos
-    ]
-
-
-def require_models(bus: ServoBus, expected: Mapping[int, str]) -> dict[int, int]:
-    """The firmware versions by servo id, where every servo is there and of the expected model.
-
-    Raises ``WrongDeviceError`` where another model answers, ``TransientError`` where one is silent; both list
-    what was expected and what was found for each id.
-    """
-    found: dict[int, tuple[int, int]] = {}
-    for servo_id in expected:
-        try:
-            found[servo_id] = bus.ping(servo_id)
-        except TransientError:
-            continue  # it is listed as silent below
-    wrong = [i for i, (number, _) in found.items() if number != table.MODEL_NUMBERS[expected[i]]]
-    if wrong or len(found) < len(expected):
-        old = [i for i in expected if i not in found and bus.answers_protocol_1(i)]
-        absent = {i: "a servo set to Protocol 1.0" if i in old else "no answer" for i in expected}
-        problem = f"expected {_list(expected)}, found " + _list(
-            {i: _model_name(found[i][0]) if i in found else absent[i] for i in expected}
-        )
-        device = f"servo bus {bus.path} at {bus.baud} baud"
-        if wrong:
-            raise WrongDeviceError(device, problem, "correct `id` and `model`")
-        if old:
-            raise WrongDeviceError(
-                device, problem, "set its Protocol Type (register 13) to 2 with Dynamixel Wizard"
-            )
-        raise TransientError(device, problem, "check servo power, cable, `id` and `baud`")
-    return {servo_id: firmware for servo_id, (_, firmware) in found.items()}
-
-
-def _list(by_id: Mapping[int, str]) -> str:
-    return ", ".join(f"id {servo_id}: {what}" for servo_id, what in by_id.items())
-
-
-def _model_name(number: int) -> str:
-    names = {number: name for name, number in table.MODEL_NUMBERS.items()}
-    return names.get(number, f"model number {number}")
 
 
 def _units(value: float, unit: float) -> int:

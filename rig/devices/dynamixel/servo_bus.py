@@ -1,4 +1,4 @@
-"""A half-duplex bus of Dynamixel servos: one instruction, then the status packets that answer it."""
+"""A half-duplex bus of Dynamixel servos: one instruction, then its status packets."""
 
 from collections.abc import Sequence
 
@@ -21,7 +21,7 @@ _STUFFING = 4 / 3
 # Two of FTDI's default 16 ms latency periods, and what a loaded computer needs to notice.
 _TURNAROUND_S = 0.05
 
-_CLEAR_TURNS = bytes([0x01, 0x44, 0x58, 0x4C, 0x22])  # e-manual, "Protocol 2.0", Clear
+_CLEAR_MULTI_TURN = bytes([0x01, 0x44, 0x58, 0x4C, 0x22])  # e-manual, "Protocol 2.0", Clear
 
 _REFUSALS: dict[int, str] = {
     StatusError.RESULT_FAIL: "could not carry out the instruction",
@@ -34,11 +34,11 @@ _REFUSALS: dict[int, str] = {
 }
 _LATE = "shorten the adapter's latency (rig check says how), or take a faster computer"
 _OF_VALUES = (StatusError.DATA_RANGE, StatusError.DATA_LIMIT)
-"""Refusals of a value, which an instruction that brings none cannot earn."""
+"""Rejections of a value: impossible for an instruction without one."""
 
 
 class RefusedError(DeviceError):
-    """A servo received an instruction and refused it; ``number`` says why."""
+    """A servo received an instruction and rejected it; ``number`` says why."""
 
     def __init__(self, device: str, problem: str, number: int) -> None:
         super().__init__(
@@ -48,10 +48,10 @@ class RefusedError(DeviceError):
 
 
 class ServoBus:
-    """Instructions to servos by id, over an open port that it takes over.
+    """Sends instructions to servos by id, over an open port that it owns.
 
-    Every call waits a bounded time. A silent servo is a ``TransientError``, a refused instruction a
-    ``RefusedError``, a lost port a ``DeviceError``; none of them leaves the bus unusable.
+    Every call has a time limit. A silent servo is a ``TransientError``, a rejected instruction a ``RefusedError``, a
+    lost port a ``DeviceError``; the bus stays usable after each.
     """
 
     def __init__(self, port: SerialPort) -> None:
@@ -98,22 +98,22 @@ class ServoBus:
         self._exchange(servo_id, Instruction.WRITE, _u16(address) + data, 0)
 
     def write_unanswered(self, servo_id: int, address: int, data: bytes) -> None:
-        """Write into the control table of a servo that may be set not to answer a write."""
+        """Write without waiting for an answer, for a servo that may not answer writes."""
         self._collect(frame(servo_id, Instruction.WRITE, _u16(address) + data), [servo_id], 0)
 
     def reboot(self, servo_id: int) -> None:
-        """Restart one servo, which ends a shutdown. It takes some tenths of a second to come back."""
+        """Reboot one servo, which ends a shutdown. It takes some tenths of a second."""
         self._exchange(servo_id, Instruction.REBOOT, b"", 0)
 
-    def clear_turns(self, servo_id: int) -> None:
-        """Have one servo, at rest, count its position within one turn again (firmware 42 and later)."""
-        self._exchange(servo_id, Instruction.CLEAR, _CLEAR_TURNS, 0)
+    def clear_multi_turn(self, servo_id: int) -> None:
+        """Reset one stationary servo's multi-turn count (firmware 42 and later)."""
+        self._exchange(servo_id, Instruction.CLEAR, _CLEAR_MULTI_TURN, 0)
 
     def sync_read(self, servo_ids: Sequence[int], address: int, length: int) -> dict[int, Status]:
         """The same block of several servos with one instruction.
 
-        What comes back holds a servo only where it answered with the whole block: one silent servo does not
-        hide the others. The alert bit of each is in its ``Status``.
+        The result holds only servos that answered with the whole block: a silent one does not hide the others. Each
+        ``Status`` has the alert bit.
         """
         request = frame(BROADCAST_ID, Instruction.SYNC_READ, _u16(address) + _u16(length) + bytes(servo_ids))
         statuses, _ = self._collect(request, servo_ids, length)
@@ -150,7 +150,7 @@ class ServoBus:
     def _collect(
         self, request: bytes, servo_ids: Sequence[int], length: int
     ) -> tuple[list[Status], MessageError | None]:
-        """Send ``request``; the status packets of ``servo_ids``, as far as they came in time."""
+        """Send ``request``; the status packets of ``servo_ids`` that arrived in time."""
         answer_bytes = len(servo_ids) * (_STATUS_OVERHEAD_BYTES + length) * _STUFFING
         on_the_wire_s = (len(request) + answer_bytes) * _BITS_PER_BYTE / self.baud
         self._port.discard_input()
@@ -160,7 +160,7 @@ class ServoBus:
         found: dict[int, Status] = {}
         last_try = False
         while len(found) < len(servo_ids) and not last_try:
-            last_try = deadline.expired  # what arrived while this process was not scheduled still counts
+            last_try = deadline.expired  # bytes received while this process was not scheduled still count
             data = self._port.read(deadline)
             found |= {s.servo_id: s for s in parser.feed(data) if s.servo_id in servo_ids}
         if parser.problem and len(found) == len(servo_ids):

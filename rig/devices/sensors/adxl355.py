@@ -1,6 +1,6 @@
-"""ADXL355, three-axis accelerometer of 20 bits, as inclinometer (Analog Devices, data sheet Rev. D).
+"""ADXL355, three-axis accelerometer of 20 bits, used as inclinometer (Analog Devices, data sheet Rev. D).
 
-At 62.5 Hz the low-pass lies at 15.6 Hz; a mean over one second has then noise of 16 µg, or 0.0009° of tilt.
+At 62.5 Hz the low-pass corner is at 15.6 Hz; a mean over one second has a noise of 16 µg, or 0.0009° of tilt.
 """
 
 import math
@@ -12,7 +12,7 @@ from rig.devices.bus.deadline import Deadline, wait_until
 from rig.devices.bus.i2c import I2cBus
 from rig.devices.bus.i2c_chip import I2cChip
 from rig.devices.readings import AccelerationReading
-from rig.devices.sensors.sampling import LEAST_READINGS, read_for, require_noise
+from rig.devices.sensors.sampling import MIN_READINGS, read_for, require_noise
 from rig.errors import WrongDeviceError
 from rig.fault_notes import note_fault
 
@@ -82,7 +82,7 @@ class Adxl355:
         self._require_its_scale(self._chip.read_register(_TEMP2, 11))
 
     def _require_its_scale(self, sample: bytes) -> None:
-        """Raise ``WrongDeviceError`` where gravity comes out as an ADXL357 would show it."""
+        """Raise ``WrongDeviceError`` if gravity is measured as an ADXL357 would."""
         size_g = math.hypot(*_acceleration_g(sample))
         if 0.9 <= size_g * _ADXL357_FACTOR <= 1.1:
             raise WrongDeviceError(
@@ -114,8 +114,8 @@ class Adxl355:
     def read(self, *, without_temperature: bool = False) -> AccelerationReading:
         """The next sample, 16 ms after the last.
 
-        Raises ``TransientError`` where none comes, or one that no accelerometer at rest can give. ``without_temperature``
-        takes one whose temperature cannot be, as NaN, and notes it.
+        Raises ``TransientError`` if none comes, or if it is impossible for a stationary accelerometer. With
+        ``without_temperature`` an impossible temperature becomes NaN, with a note.
         """
         ready = wait_until(
             lambda: bool(self._status() & _DATA_READY), Deadline.after(_READY_TIMEOUT_S), _SAMPLE_S / 4
@@ -138,13 +138,13 @@ class Adxl355:
         return AccelerationReading(x_g, y_g, z_g, temperature_c, at.monotonic_s, at.utc)
 
     def read_many(self, duration_s: float) -> list[AccelerationReading]:
-        """All samples of ``duration_s``. Raises ``DeviceError`` where all are the same: a frozen chip."""
-        readings = read_for(partial(self.read, without_temperature=True), duration_s, LEAST_READINGS)
+        """All samples of ``duration_s``. Raises ``DeviceError`` if all are equal: a frozen chip."""
+        readings = read_for(partial(self.read, without_temperature=True), duration_s, MIN_READINGS)
         require_noise(self._chip.name, [(r.x_g, r.y_g, r.z_g) for r in readings])
         return readings
 
     def close(self) -> None:
-        """Standby, and the bus given back."""
+        """Enter standby and close the bus handle."""
         try:
             self._chip.write_register(_POWER_CTL, _STANDBY)
         finally:

@@ -1,4 +1,4 @@
-"""Several sources on one line: the same quantity twice is one reading where they agree, and an error where they do not."""
+"""Several sources of one quantity on one line: combined if they agree, an error if they do not."""
 
 from rig.devices.readings import PressureReading
 from rig.errors import DeviceError
@@ -6,11 +6,13 @@ from rig.fault_notes import note_fault
 
 RELABELLED = "the value can be nothing else"
 AGREE_HPA = 1.5
-"""Good barometers in the same air; more is another place, another unit, or something else."""
+"""Difference of good barometers in the same air; more means another place, another unit, or another quantity."""
 
 
 def one_pressure_source(name: str, readings: list[PressureReading]) -> list[PressureReading]:
-    """The readings of the finest source, where all agree with it. ``DeviceError`` with their values where they do not."""
+    """The readings of the source with the finest resolution, if all agree with it; else ``DeviceError`` with their
+    values.
+    """
     for remark in {reading.remark for reading in readings if reading.remark}:
         note_fault(name, remark, RELABELLED)
     by_source: dict[str, list[PressureReading]] = {}
@@ -23,8 +25,8 @@ def one_pressure_source(name: str, readings: list[PressureReading]) -> list[Pres
     best = min(by_source, key=lambda source: steps[source])
     for source, mean_hpa in means.items():
         if abs(mean_hpa - means[best]) > AGREE_HPA + (steps[source] + steps[best]) / 2.0:
-            told = " and ".join(f"{each} {means[each]:.1f} hPa" for each in (best, source))
+            values = " and ".join(f"{each} {means[each]:.1f} hPa" for each in (best, source))
             raise DeviceError(
-                name, f"its sources do not agree: {told}", "name the right one with [altimeter] transducer"
+                name, f"its sources do not agree: {values}", "name the right one with [altimeter] transducer"
             )
     return by_source[best]

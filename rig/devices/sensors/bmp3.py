@@ -85,7 +85,7 @@ def compensate(trim: Trim, raw_pressure: int, raw_temperature: int) -> tuple[flo
 
 
 class Bmp3:
-    """The chip, asleep between readings. ``WrongDeviceError`` for another chip, else ``DeviceError``."""
+    """The chip, in sleep mode between readings. ``WrongDeviceError`` for another chip, else ``DeviceError``."""
 
     def __init__(
         self, bus: I2cBus, address: int = DEFAULT_ADDRESS, *, model: Literal["bmp390", "bmp388"] = "bmp390"
@@ -112,8 +112,7 @@ class Bmp3:
     def read(self) -> PressureReading:
         """One conversion, some 40 ms.
 
-        Raises ``TransientError`` where it does not end or cannot be true, ``DeviceError`` where the chip
-        reports an error of its own.
+        Raises ``TransientError`` if it does not end or is implausible, ``DeviceError`` if the chip reports an error.
         """
         if self._chip.read_register(_EVENT)[0] & _POWER_ON:
             raise self._chip.implausible("it has restarted and lost its configuration")
@@ -151,5 +150,5 @@ class Bmp3:
         return readings
 
     def close(self) -> None:
-        """Give the bus back; the chip is asleep anyway."""
+        """Close the bus handle; the chip is in sleep mode."""
         self._chip.release()

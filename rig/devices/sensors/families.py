@@ -1,4 +1,4 @@
-"""What else talks on serial ports: told by how it begins, so that a message can say what is heard instead."""
+"""Recognises other serial protocols by their first bytes, for messages about what is received instead."""
 
 import contextlib
 import re
@@ -7,7 +7,7 @@ from rig.devices.sensors.nmea_sentence import parse_sentence
 from rig.errors import MessageError
 
 USUAL_BAUDS = (4800, 9600, 38400, 19200, 115200, 57600)
-LEAST_TEXT_SHARE = 0.8
+MIN_TEXT_SHARE = 0.8
 
 _FAMILIES: tuple[tuple[bytes, str], ...] = (
     (rb"\xb5\x62", "u-blox UBX"),
@@ -28,7 +28,7 @@ _TEXT = frozenset(range(0x20, 0x7F)) | set(b"\t\r\n\x00\x01\x02\x03")
 
 
 def family_of(data: bytes) -> str | None:
-    """The protocol of a line or of the beginning of a stream, as its users call it; None where nothing is recognized."""
+    """The usual name of the protocol of a line or of the beginning of a stream; None if it is not recognised."""
     for pattern, name in _PATTERNS:
         if pattern.fullmatch(data) if name == _WHOLE else pattern.match(data):
             return name
@@ -36,12 +36,12 @@ def family_of(data: bytes) -> str | None:
 
 
 def is_text(data: bytes) -> bool:
-    """Whether most bytes are printable, as they are at the right baud rate."""
-    return sum(byte in _TEXT for byte in data) >= LEAST_TEXT_SHARE * len(data)
+    """Whether most bytes are printable, as they are at the correct baud rate."""
+    return sum(byte in _TEXT for byte in data) >= MIN_TEXT_SHARE * len(data)
 
 
 def other_format(line: bytes) -> str | None:
-    """What a line that is no sentence is, where it is no damaged one either: another family, or text of its own."""
+    """The kind of a line that is neither a sentence nor a damaged one: another protocol, or other text; else None."""
     family = family_of(line)
     if family:
         return f"{family}: {line[:40]!r}"
@@ -56,7 +56,7 @@ def other_format(line: bytes) -> str | None:
 
 
 def _is_readable(line: bytes) -> bool:
-    """Whether all of it is printable, degree signs and the like in UTF-8 included."""
+    """Whether all of it is printable, including UTF-8 such as degree signs."""
     try:
         return line.decode("utf-8").replace("\t", " ").isprintable()
     except UnicodeDecodeError:
@@ -64,7 +64,7 @@ def _is_readable(line: bytes) -> bool:
 
 
 def baud_advice(baud: int, noise: bytes) -> str:
-    """What to do about damaged lines; where they are no text at all, the rates that are worth a try."""
+    """What to do about damaged lines; if they are no text at all, the baud rates to try."""
     advice = "check `baud` and the cable"
     if not noise or is_text(noise):
         return advice

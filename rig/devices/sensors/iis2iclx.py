@@ -1,7 +1,7 @@
 """IIS2ICLX, two-axis inclinometer of 16 bits (STMicroelectronics, data sheet and AN5509).
 
-At 52 Hz with the low-pass at a quarter of that, a mean over one second has noise of 11 µg, or 0.0006° of
-tilt. The range is ±1 g, for any tilt, where one count is 0.0018°; noise of two counts dithers it away.
+At 52 Hz with the low-pass at a quarter of that, a mean over one second has a noise of 11 µg, or 0.0006° of tilt. The
+range is ±1 g, for any tilt, where one count is 0.0018°; noise of two counts provides dither.
 """
 
 import logging
@@ -14,7 +14,7 @@ from rig.devices.bus.deadline import Deadline, wait_until
 from rig.devices.bus.i2c import I2cBus
 from rig.devices.bus.i2c_chip import I2cChip
 from rig.devices.readings import AccelerationReading
-from rig.devices.sensors.sampling import LEAST_READINGS, read_for, require_noise
+from rig.devices.sensors.sampling import MIN_READINGS, read_for, require_noise
 from rig.errors import TransientError, WrongDeviceError
 from rig.fault_notes import note_fault
 
@@ -30,7 +30,7 @@ _CTRL8_XL = 0x17
 _STATUS = 0x1E
 _OUT_TEMP = 0x20
 _OUT_X = 0x28
-_OUT_Z = 0x2C  # reserved in this chip, the third axis in its relatives
+_OUT_Z = 0x2C  # reserved in this chip, the third axis in related ones
 
 _IDENTITY = 0x6B  # which is also one of its two addresses
 _OTHER_BANKS = (0x80, 0x40)  # embedded functions, sensor hub
@@ -47,9 +47,9 @@ _ACCELERATION_READY = 0x01
 
 _RANGE_G = 1.0
 _RELATIVES_FACTOR = 0.122 / 0.031
-"""ISM330DHCX, LSM6DSR and ASM330LHH give 0.122 mg for a count where this chip, set the same way, gives 0.031."""
+"""ISM330DHCX, LSM6DSR and ASM330LHH have 0.122 mg per count where this chip, with the same setting, has 0.031."""
 
-_LEAST_Z_G = 0.3  # the chip lies flat in the head: a third axis has most of gravity
+_MIN_Z_G = 0.3  # the chip lies flat in the head: a third axis has most of gravity
 _SAMPLE_S = 1 / 52
 _SETTLING_SAMPLES = 5
 _RESET_POLL_S = 0.001
@@ -83,14 +83,14 @@ class Iis2iclx:
         self._require_two_axes(self._chip.read_register(_OUT_X, 4))
 
     def _leave_other_banks(self) -> None:
-        """Back to the registers of the user, where another program left the chip in those of its embedded functions."""
+        """Select the user register bank, which another program may have left."""
         if self._chip.read_register(_WHO_AM_I)[0] == _IDENTITY:
             return
         if self._chip.read_register(_FUNC_CFG_ACCESS)[0] in _OTHER_BANKS:
             self._chip.write_register(_FUNC_CFG_ACCESS, _USER_BANK)
 
     def _require_two_axes(self, x_and_y: bytes) -> None:
-        """Raise ``WrongDeviceError`` for a relative with three axes and this identity, whose tilt would come out a quarter."""
+        """Raise ``WrongDeviceError`` for a three-axis chip with the same identity, whose tilt would be a quarter."""
         try:
             z = self._chip.read_register(_OUT_Z, 2)
         except TransientError as error:  # what is reserved need not answer
@@ -100,7 +100,7 @@ class Iis2iclx:
             decode_acceleration_g(data, _RANGE_G) * _RELATIVES_FACTOR
             for data in (x_and_y[:2], x_and_y[2:], z)
         )
-        if abs(z_g) >= _LEAST_Z_G and 0.9 <= math.hypot(x_g, y_g, z_g) <= 1.1:
+        if abs(z_g) >= _MIN_Z_G and 0.9 <= math.hypot(x_g, y_g, z_g) <= 1.1:
             raise WrongDeviceError(
                 self._chip.name,
                 "has a third axis, and gravity in the scale of an ISM330DHCX, LSM6DSR or ASM330LHH, whose identity "
@@ -118,8 +118,8 @@ class Iis2iclx:
     def read(self, *, without_temperature: bool = False) -> AccelerationReading:
         """The next sample, 19 ms after the last.
 
-        Raises ``TransientError`` where none comes, or one that no accelerometer at rest can give. ``without_temperature``
-        takes one whose temperature cannot be, as NaN, and notes it.
+        Raises ``TransientError`` if none comes, or if it is impossible for a stationary accelerometer. With
+        ``without_temperature`` an impossible temperature becomes NaN, with a note.
         """
         if not wait_until(self._sample_ready, Deadline.after(_READY_TIMEOUT_S), _SAMPLE_S / 4):
             raise self._chip.no_answer_in_time("a sample", _READY_TIMEOUT_S)
@@ -142,13 +142,13 @@ class Iis2iclx:
         return bool(self._chip.read_register(_STATUS)[0] & _ACCELERATION_READY)
 
     def read_many(self, duration_s: float) -> list[AccelerationReading]:
-        """All samples of ``duration_s``. Raises ``DeviceError`` where all are the same: a frozen chip."""
-        readings = read_for(partial(self.read, without_temperature=True), duration_s, LEAST_READINGS)
+        """All samples of ``duration_s``. Raises ``DeviceError`` if all are equal: a frozen chip."""
+        readings = read_for(partial(self.read, without_temperature=True), duration_s, MIN_READINGS)
         require_noise(self._chip.name, [(r.x_g, r.y_g) for r in readings])
         return readings
 
     def close(self) -> None:
-        """Power-down, and the bus given back."""
+        """Power down and close the bus handle."""
         try:
             self._chip.write_register(_CTRL1_XL, 0)
         finally:

@@ -1,8 +1,7 @@
 """MMC5983MA, three-axis magnetometer of 18 bits (Memsic, data sheet Rev. A).
 
-Its zero moves by up to ±0.5 G, which is as large as the Earth's field. A SET pulse magnetises the sensor
-one way and a RESET pulse the other: half the difference of the two measurements is the field, half the sum
-the zero.
+Its zero offset is up to ±0.5 G, as large as the Earth's field. A SET pulse magnetises the sensor in one direction, a
+RESET pulse in the other: half the difference of the two measurements is the field, half the sum the offset.
 """
 
 import time
@@ -12,7 +11,7 @@ from rig.devices.bus.deadline import Deadline, wait_until
 from rig.devices.bus.i2c import I2cBus
 from rig.devices.bus.i2c_chip import I2cChip
 from rig.devices.readings import FieldReading
-from rig.devices.sensors.sampling import LEAST_READINGS, read_for, require_noise
+from rig.devices.sensors.sampling import MIN_READINGS, read_for, require_noise
 from rig.errors import TransientError
 from rig.fault_notes import note_fault
 
@@ -84,8 +83,8 @@ class Mmc5983ma:
     def read(self) -> FieldReading:
         """Field and zero from one SET and RESET pair, some 30 ms.
 
-        Raises ``TransientError`` where a measurement does not end, is out of range, or implausible. A temperature that cannot
-        be read is None: the field needs none, SET and RESET take its drift out.
+        Raises ``TransientError`` if a measurement does not end, is out of range or implausible. An unreadable
+        temperature is None: the field does not need it, as SET and RESET cancel its drift.
         """
         after_set = self._measure_after(_SET)
         after_reset = self._measure_after(_RESET)
@@ -99,7 +98,9 @@ class Mmc5983ma:
         return FieldReading(x_ut, y_ut, z_ut, (zero_x, zero_y, zero_z), temperature_c, at.monotonic_s, at.utc)
 
     def _temperature_c(self) -> float | None:
-        """None, and noted, where it is not measured, or is none that there is; one that failed once is not waited for again."""
+        """The temperature; None, with a note, if it is not measured or impossible. After one failure it is not awaited
+        again.
+        """
         if not self._tells_temperature:
             return None
         try:
@@ -137,10 +138,10 @@ class Mmc5983ma:
 
     def read_many(self, duration_s: float) -> list[FieldReading]:
         """All readings that fit into ``duration_s``, at least one. ``DeviceError`` where the chip is frozen."""
-        readings = read_for(self.read, duration_s, LEAST_READINGS)
+        readings = read_for(self.read, duration_s, MIN_READINGS)
         require_noise(self._chip.name, [(r.x_ut, r.y_ut, r.z_ut) for r in readings], FROZEN_REPEATS)
         return readings
 
     def close(self) -> None:
-        """Give the bus back; the chip is idle anyway."""
+        """Close the bus handle; the chip is idle."""
         self._chip.release()

@@ -1,7 +1,7 @@
 """MS5611-01BA03 and MS5607-02BA03, barometers (TE, data sheets 06/2017 for the compensation, AN520 for the checksum).
 
-Both answer to the same commands at the same address, with other factors, and their memory does not tell them apart. Only
-the pressure, half or twice of what it should be, shows that the other one is fitted (``rig.attitude.possible_altitude``).
+Both have the same commands and address but different factors, and their memory does not distinguish them. Only the
+pressure, wrong by a factor of two, shows that the other one is fitted (``rig.attitude.altitude_plausibility``).
 """
 
 import struct
@@ -25,7 +25,7 @@ _CONVERT_TEMPERATURE_4096 = 0x58
 _READ_ADC = 0x00
 
 _RESET_S = 0.005
-_CONVERSION_S = 0.010  # 9.04 ms at most; to ask earlier spoils the conversion
+_CONVERSION_S = 0.010  # 9.04 ms at most; an earlier read invalidates the conversion
 _BMP3_IDENTITIES = (0x60, 0x50)
 
 
@@ -42,7 +42,7 @@ class Coefficients:
 
 
 def crc4(prom: bytes) -> int:
-    """The checksum over the eight words of the PROM, whose own place, the last four bits, counts as zero."""
+    """The checksum over the eight words of the PROM; its own position, the last four bits, counts as zero."""
     remainder = 0
     for byte in prom[:15] + b"\x00":
         remainder ^= byte
@@ -53,7 +53,7 @@ def crc4(prom: bytes) -> int:
 
 @dataclass(frozen=True)
 class Factors:
-    """What the two chips compute differently, as powers of two and, below 20 °C and below -15 °C, as whole factors."""
+    """Factors in which the two chips differ: powers of two and, below 20 °C and -15 °C, integer factors."""
 
     offset: int
     offset_slope: int
@@ -106,7 +106,7 @@ class Ms5611:
         if crc4(prom) != prom[15] & 0x0F:
             raise self._chip.broken("the checksum of its factory calibration is wrong")
         coefficients = struct.unpack(">6H", prom[2:14])
-        if 0 in coefficients:  # an empty PROM has a good checksum
+        if 0 in coefficients:  # an empty PROM has a valid checksum
             raise self._chip.broken("has no factory calibration")
         self._coefficients = Coefficients(*coefficients)
 
@@ -127,7 +127,7 @@ class Ms5611:
     def read(self) -> PressureReading:
         """One conversion of each, some 20 ms.
 
-        Raises ``TransientError`` where a conversion was spoilt or cannot be true.
+        Raises ``TransientError`` if a conversion failed or is implausible.
         """
         raw_temperature = self._convert(_CONVERT_TEMPERATURE_4096)
         raw_pressure = self._convert(_CONVERT_PRESSURE_4096)
@@ -152,5 +152,5 @@ class Ms5611:
         return readings
 
     def close(self) -> None:
-        """Give the bus back; the chip is idle anyway."""
+        """Close the bus handle; the chip is idle."""
         self._chip.release()

@@ -1,4 +1,4 @@
-"""NMEA 0183 sentences of compasses and barometers: bytes to readings, no port involved."""
+"""Parsers of NMEA 0183 sentences of compasses and barometers. No I/O."""
 
 from rig.devices.sensors.nmea_heading import parse_heading
 from rig.devices.sensors.nmea_pressure import parse_pressure, pressure_reading

@@ -1,4 +1,4 @@
-"""Headings in NMEA 0183 sentences, in Honeywell's PTNTHPR, and in OceanServer's OHPR and factory format.
+"""Parsers of headings in NMEA 0183 sentences, Honeywell's PTNTHPR, and OceanServer's OHPR and factory format.
 
 The fields are those of NMEA 0183 as gpsd's "NMEA Revealed" describes them, PTNTHPR of Honeywell's HMR3000 and True North's
 compasses, OHPR and ``$C`` of OceanServer's OS5000. Raises ``NoReadingError`` where a whole sentence has no heading to trust.
@@ -13,8 +13,8 @@ from rig.devices.sensors.nmea_sentence import LETTERED, Sentence, step_of
 from rig.errors import NoReadingError
 
 COARSEST_DEG = 1.0
-MOST_VARIATION_DEG = 90.0
-"""Beyond it, which is only beside a magnetic pole, a variation is a filler (999.9, 180), and so is a deviation."""
+MAX_VARIATION_DEG = 90.0
+"""A larger variation, real only near a magnetic pole, is a filler (999.9, 180); likewise a deviation."""
 
 _CONTRADICTS = "the sentence contradicts itself: set the instrument to send HDG or HDM"
 
@@ -43,7 +43,7 @@ def _heading(
             f"{sentence.address} has the heading {heading_deg:g}, not 0 to 360 degrees",
             "wait until the instrument has a heading; check that it sends degrees",
         )
-    if variation_deg is not None and abs(variation_deg) > MOST_VARIATION_DEG:
+    if variation_deg is not None and abs(variation_deg) > MAX_VARIATION_DEG:
         variation_deg = None
     return HeadingReading(
         (heading_deg + deviation_deg) % 360.0,
@@ -68,7 +68,7 @@ def _hdg(sentence: Sentence, at: Instant) -> HeadingReading:
         sentence,
         at,
         "magnetic",
-        deviation_deg=deviation_deg if abs(deviation_deg) <= MOST_VARIATION_DEG else 0.0,
+        deviation_deg=deviation_deg if abs(deviation_deg) <= MAX_VARIATION_DEG else 0.0,
         variation_deg=_east(sentence, 3) if sentence.field(4) else None,
     )
 
@@ -95,7 +95,7 @@ def _hdt(sentence: Sentence, at: Instant) -> HeadingReading:
 
 
 def _require_letter(sentence: Sentence, letter: str) -> None:
-    """HDT with M and HDM with T say both, true and magnetic: nobody knows which it is."""
+    """Reject HDT with M and HDM with T, which are ambiguous between true and magnetic."""
     said = sentence.field(1).upper()
     if said and said != letter:
         raise NoReadingError(f"{sentence.address} has {said!r} in field 2 instead of {letter}", _CONTRADICTS)
@@ -118,13 +118,14 @@ def _ptnthpr(sentence: Sentence, at: Instant) -> HeadingReading:
 
 
 def _ohpr(sentence: Sentence, at: Instant) -> HeadingReading:
-    # Which fields follow azimuth, pitch and roll is a setting of the compass: they cannot be told apart here.
+    # The fields after azimuth, pitch and roll depend on the compass's settings and cannot be identified here.
     pitch_deg, roll_deg = sentence.number(1), sentence.number(2)
     return _heading(sentence, at, "magnetic", pitch_deg=pitch_deg, roll_deg=roll_deg)
 
 
 def _lettered(sentence: Sentence, at: Instant) -> HeadingReading:
-    # Which letters follow is a setting of the compass; E is the error code of PNI's, which talk alike.
+    # The letters depend on the compass's settings; E is the error code of PNI's compasses, which use the same
+    # format.
     values = {
         field.rstrip("+-.0123456789"): field.lstrip("ABCDEFGHIJKLMNOPQRSTUVWXYZxyz")
         for field in sentence.fields

@@ -1,7 +1,7 @@
-"""Air pressure in NMEA 0183 sentences: which of several transducers it is, in which unit, and how fine.
+"""Parser of air pressure in NMEA 0183 sentences: choice of the transducer, unit and resolution.
 
-XDR is groups of type, value, unit and name, of whatever a vehicle measures; MDA and MMB have the same pressure in inches of
-mercury and in bar. Raises ``NoReadingError`` where a whole sentence has no pressure to trust.
+XDR has groups of type, value, unit and name, of anything that a vehicle measures; MDA and MMB hold the pressure in
+inches of mercury and in bar. Raises ``NoReadingError`` if a valid sentence has no usable pressure.
 """
 
 import math
@@ -17,10 +17,10 @@ PRESSURE_KINDS = frozenset(("XDR", "MDA", "MMB"))
 PLAUSIBLE_HPA = 300.0, 1250.0
 PLAUSIBLE_C = -90.0, 70.0
 COARSEST_FILLED_HPA = 1.0
-"""Zeros at the end may be those of NMEA 2000, whose step is 1 hPa, but not of anything coarser."""
+"""Trailing zeros may come from NMEA 2000, whose step is 1 hPa, but from nothing coarser."""
 MDA_AGREE_HPA = 1.0
 FINE_ENOUGH_HPA = 0.1
-"""Of bar with four decimals: as good as any barometer; inches with more digits say no more."""
+"""Resolution of bar with four decimals, sufficient for a barometer; more digits in inches add nothing."""
 
 _HPA_PER_INHG = 33.86389
 _HPA_PER_MMHG = 1.333224
@@ -38,12 +38,12 @@ _OF_MACHINES = (
     *("TRANSMISSION", "EXHAUST", "WATER", "PUMP", "BRAKE", "TYRE", "TIRE", "REFRIG", "STEAM"),
 )
 _OF_SEA_LEVEL = ("QNH", "QFF", "MSL", "SLP", "SEA", "RELATIVE", "REDUCED")
-"""What is reduced to sea level tells the weather, not the altitude."""
+"""Names of pressures reduced to sea level, which tell the weather, not the altitude."""
 
 
 @dataclass(frozen=True)
 class _Group:
-    """A pressure of an XDR: as it is written, and in hPa by its unit (NaN by one that is not known); its step, in hPa."""
+    """A pressure group of an XDR: as sent, and in hPa by its unit (NaN for an unknown one); its step, in hPa."""
 
     name: str
     text: str
@@ -52,15 +52,15 @@ class _Group:
     step_hpa: float
 
     @property
-    def said(self) -> str:
-        """As the sentence has it."""
+    def as_sent(self) -> str:
+        """The value and unit as sent."""
         return f"{self.text} {self.unit} {self.name}".replace("  ", " ").strip()
 
     def relabelled(self) -> tuple["_Group", str] | None:
-        """The same in the one unit in which it is an air pressure, and that unit's name; None where there is none.
+        """The group in the only unit that makes it an air pressure, and that unit's name; None if there is none.
 
-        Bar, hectopascal and pascal cannot be taken for one another. OpenCPN takes 800 to 1100 "bar", so instruments send it.
-        760 in no unit, or in one that is not known, may be millimetres of mercury.
+        Bar, hectopascal and pascal cannot be confused. OpenCPN accepts 800 to 1100 "bar", so instruments send it. 760
+        without a known unit may be millimetres of mercury.
         """
         if math.isnan(self.pressure_hpa) and is_air(float(self.text) * _HPA_PER_MMHG):
             return None
@@ -76,9 +76,9 @@ class _Group:
 def parse_pressure(sentence: Sentence, at: Instant, transducer: str | None = None) -> PressureReading | None:
     """The air pressure in XDR, MDA or MMB; None for any other sentence, and for an XDR of other transducers.
 
-    ``transducer`` names the group of the XDR that is meant, or a sentence ("WIMDA"); without it a plausible one that is called
-    like a barometer counts, else the first plausible one that is not called like a part of a machine. A pressure that is called
-    one of sea level counts only where it is named.
+    ``transducer`` selects an XDR group, or a sentence ("WIMDA"). Without it the first plausible pressure named like a
+    barometer is used, else the first plausible one not named like a machine's. A sea-level pressure is used only if
+    selected.
     """
     by_sentence = transducer is not None and transducer.upper() in (sentence.address, sentence.kind)
     match sentence.kind:
@@ -90,7 +90,7 @@ def parse_pressure(sentence: Sentence, at: Instant, transducer: str | None = Non
 
 
 def is_air(pressure_hpa: float) -> bool:
-    """Whether there is such a pressure on land."""
+    """Whether such a pressure occurs on land."""
     return math.isfinite(pressure_hpa) and PLAUSIBLE_HPA[0] <= pressure_hpa <= PLAUSIBLE_HPA[1]
 
 
@@ -104,7 +104,7 @@ def _xdr(sentence: Sentence, at: Instant, transducer: str | None) -> PressureRea
         groups = [group for group in groups if group not in reduced]
         if reduced and not groups:
             raise NoReadingError(
-                f"{sentence.address} says {reduced[0].said}, which is reduced to sea level: it says no altitude",
+                f"{sentence.address} says {reduced[0].as_sent}, which is reduced to sea level: it says no altitude",
                 "set the instrument to send the pressure where it stands (QFE)",
             )
     plausible = [group for group in groups if is_air(group.pressure_hpa)]
@@ -118,7 +118,7 @@ def _xdr(sentence: Sentence, at: Instant, transducer: str | None) -> PressureRea
             _refuse(sentence, transducer, groups)
             return None
         chosen, unit = readable[0]
-        remark = f"says {chosen.said}: taken for {unit}"
+        remark = f"says {chosen.as_sent}: taken for {unit}"
     return pressure_reading(
         chosen.pressure_hpa,
         _temperature_c(sentence, chosen.name),
@@ -130,7 +130,7 @@ def _xdr(sentence: Sentence, at: Instant, transducer: str | None) -> PressureRea
 
 
 def _pressures(sentence: Sentence) -> Iterator[_Group]:
-    """The groups of type P that hold a number; what is wrong with one does not spoil another."""
+    """The groups of type P with a number; a defect of one group does not affect others."""
     for index in range(0, len(sentence.fields), 4):  # type, value, unit, name
         unit, value = sentence.field(index + 2), sentence.number_if_any(index + 1)
         if sentence.field(index) == "P" and value is not None:
@@ -146,11 +146,11 @@ def _named(name: str, words: tuple[str, ...]) -> bool:
 
 
 def _refuse(sentence: Sentence, transducer: str | None, groups: list[_Group]) -> None:
-    """Say why none of the groups counts, unless there is none of the air's."""
+    """Raise the reason why no group is usable, unless none is an air pressure."""
     if groups:
-        told = ", ".join(group.said for group in groups)
+        values_text = ", ".join(group.as_sent for group in groups)
         raise NoReadingError(
-            f"{sentence.address} says {told}: no air pressure in that unit",
+            f"{sentence.address} says {values_text}: no air pressure in that unit",
             "set the unit in the instrument, or name the right group with [altimeter] transducer",
         )
     empty = [
@@ -165,7 +165,7 @@ def _refuse(sentence: Sentence, transducer: str | None, groups: list[_Group]) ->
 
 
 def _temperature_c(sentence: Sentence, name: str) -> float | None:
-    """Of the transducer of that name, else of the first that is not a machine's; None where none is plausible."""
+    """Temperature of the transducer of that name, else of the first that is not a machine's; None if none is plausible."""
     found: list[tuple[bool, float]] = []
     for index in range(0, len(sentence.fields), 4):
         value, called = sentence.number_if_any(index + 1), sentence.field(index + 3)
@@ -189,7 +189,7 @@ def _celsius(value: float, unit: str) -> float | None:
 
 
 def _mda(sentence: Sentence, at: Instant) -> PressureReading:
-    """Of inches and bar the finer one, where both are plausible and agree."""
+    """The finer of inches and bar, if both are plausible and agree."""
     found = []
     for index, hpa_per_unit in ((2, _HPA_PER_UNIT["B"]), (0, _HPA_PER_INHG)):
         value = sentence.number_if_any(index)
@@ -212,13 +212,15 @@ def _mda(sentence: Sentence, at: Instant) -> PressureReading:
 
 
 def _mda_relabelled(sentence: Sentence, at: Instant) -> PressureReading:
-    """What stands as bar is hectopascals with some (Lambrecht's met[LOG] says so of its MMB)."""
+    """The pressure if bar holds hectopascals, as with some instruments (Lambrecht's met[LOG] documents it for its MMB)."""
     pressure_hpa = sentence.number_if_any(2)
     if pressure_hpa is None or not is_air(pressure_hpa):
-        said = [f"{sentence.field(i)} {unit}" for i, unit in ((0, "inches"), (2, "bar")) if sentence.field(i)]
+        as_sent = [
+            f"{sentence.field(i)} {unit}" for i, unit in ((0, "inches"), (2, "bar")) if sentence.field(i)
+        ]
         raise NoReadingError(
-            f"{sentence.address} says {' and '.join(said)}: no air pressure"
-            if said
+            f"{sentence.address} says {' and '.join(as_sent)}: no air pressure"
+            if as_sent
             else f"{sentence.address} has no pressure now"
         )
     return pressure_reading(
@@ -237,7 +239,7 @@ def _air_c(sentence: Sentence) -> float | None:
 
 
 def _step_hpa(text: str, hpa_per_unit: float) -> float:
-    """The step of a pressure: that of its digits; where zeros fill them up, of the last other one, up to 1 hPa."""
+    """Resolution of a pressure: by its digits; trailing zeros count as fillers, up to 1 hPa."""
     filled_hpa = step_of(text) * hpa_per_unit
     return max(_written_hpa(text, hpa_per_unit), min(filled_hpa, COARSEST_FILLED_HPA))
 
@@ -255,7 +257,7 @@ def pressure_reading(
     source: str = "",
     remark: str | None = None,
 ) -> PressureReading:
-    """A reading, unless the pressure is none that there is on land."""
+    """A reading, if the pressure occurs on land."""
     if not is_air(pressure_hpa):
         raise NoReadingError(f"{pressure_hpa:g} hPa is no air pressure")
     return PressureReading(

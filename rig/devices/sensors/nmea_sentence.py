@@ -1,9 +1,8 @@
-"""NMEA 0183 sentences: from a line to checked fields, no port involved.
+"""Parser of NMEA 0183 sentences: from a line to checked fields. No I/O.
 
-A sentence starts with ``$``, or with ``!`` where it encapsulates something else (AIS); a tag block (NMEA 0183 4.0, section 7)
-may stand before it. OceanServer's compasses talk another dialect as they come from the factory, known as theirs and as PNI's:
-``$C320.5P0.2R-18.3T19.0*3C``, letters before numbers and no commas. Every function here raises ``MessageError`` for what it
-cannot trust.
+A sentence starts with ``$``, or with ``!`` if it encapsulates something else (AIS); a tag block (NMEA 0183 4.0, section
+7) may precede it. OceanServer's compasses (and PNI's) use another format by default: ``$C320.5P0.2R-18.3T19.0*3C``,
+letters before numbers, no commas. Every function raises ``MessageError`` for an invalid line.
 """
 
 import re
@@ -14,10 +13,10 @@ from dataclasses import field as dataclass_field
 from rig.errors import MessageError, NoChecksumError, NoReadingError
 
 LETTERED = "$C"
-"""The kind of a sentence of letters and numbers; each field is a letter with its number."""
+"""The kind of the lettered format; each field is a letter with its number."""
 
 _AFTER = bytes(range(0x21)) + b"\x7f\xff"
-"""What terminals, modems and C strings add to a line."""
+"""Bytes that terminals, modems and C strings append to a line."""
 _BODY = rb"[\x20-\x23\x25-\x29\x2b-\x7e]*"
 _SENTENCE = re.compile(rb"[$!](" + _BODY + rb")\*([0-9A-Fa-f]{1,2})")
 _WITHOUT_CHECKSUM = re.compile(rb"\$([A-Z][A-Z0-9]{2,}," + _BODY + rb"|C[+-]?\d[^,*]*)\*?")
@@ -38,34 +37,34 @@ _COMPLETE = {
     "RMC": 8,
     LETTERED: 2,
 }
-"""So many fields are there at least, where no checksum says that none is missing."""
+"""Least number of fields, required if no checksum proves completeness."""
 
 
 @dataclass(frozen=True)
 class Sentence:
     """A sentence: its address ("HCHDG"), its kind ("HDG") and its fields.
 
-    ``sealed`` tells whether a checksum came with it; one that is wrong never gets here.
+    ``has_checksum``: whether a valid checksum came with it.
     """
 
     address: str
     kind: str
     fields: tuple[str, ...]
-    sealed: bool = dataclass_field(default=True, compare=False)
+    has_checksum: bool = dataclass_field(default=True, compare=False)
 
     def field(self, index: int) -> str:
-        """A field without blanks around it, "" where the sentence is too short."""
+        """A field, stripped; "" if the sentence is too short."""
         return self.fields[index].strip() if index < len(self.fields) else ""
 
     def number(self, index: int) -> float:
-        """A field that must be there and be a number. ``NoReadingError`` where it is not."""
+        """A required number. ``NoReadingError`` if the field is none."""
         number = self.optional_number(index)
         if number is None:
             raise NoReadingError(f"{self.address} has no value in field {index + 1} now")
         return number
 
     def optional_number(self, index: int) -> float | None:
-        """A field that may be empty, but else must be a number. ``NoReadingError`` where it is none."""
+        """An optional number, None if empty. ``NoReadingError`` if the field is no number."""
         text = self.field(index)
         if not text:
             return None
@@ -74,14 +73,14 @@ class Sentence:
         return float(text)
 
     def number_if_any(self, index: int) -> float | None:
-        """A field of no importance: None where it is no number."""
+        """A number, or None for anything else."""
         text = self.field(index)
         return float(text) if _NUMBER.fullmatch(text) else None
 
     def resolution(self, index: int) -> float:
-        """The step of a field that is a number: that of its last digit which is not 0, as zeros may only fill up.
+        """Resolution of a number: one unit of its last non-zero digit, as trailing zeros may be fillers.
 
-        Never finer than the digits that are written, and of a 0 exactly these.
+        Never finer than the digits sent; for 0, exactly these.
         """
         return step_of(self.field(index))
 
@@ -106,33 +105,33 @@ def checksum(body: bytes) -> int:
 
 
 def parse_sentence(line: bytes, *, require_checksum: bool = True) -> Sentence:
-    """The sentence in a line, after whatever garbage or tag block precedes it, and before zeros and the like after it.
+    """The sentence in a line, after any garbage or tag block, and before trailing zeros and the like.
 
-    Raises ``MessageError`` for a damaged one, and ``NoChecksumError`` for one that ends without a checksum, unless that is
-    not required: it must then at least have all fields of its kind.
+    Raises ``MessageError`` for a damaged one, and ``NoChecksumError`` for one without a required checksum. Without a
+    checksum all fields of its kind must be present.
     """
     text = line[_start(line) :].strip(_AFTER)
     match = _SENTENCE.fullmatch(text)
     if match is None or (len(match[2]) == 1 and checksum(match[1]) != int(match[2], 16)):
         if _WITHOUT_CHECKSUM.fullmatch(text):
-            return _unsealed(text, require_checksum)
+            return _parse_without_checksum(text, require_checksum)
         raise MessageError(f"{shown(text)} is no NMEA sentence with a checksum")
     body, sent = match[1], int(match[2], 16)
     if checksum(body) != sent:
         raise MessageError(f"{shown(text)} has the checksum {checksum(body):02X}")
-    return _fields(body, sealed=True)
+    return _fields(body, has_checksum=True)
 
 
 def _start(line: bytes) -> int:
-    """Where the last sentence begins: at the last $; at the last ! where no $ is."""
+    """Start of the last sentence: at the last $; at the last ! if there is no $."""
     dollar = line.rfind(b"$")
     return dollar if dollar >= 0 else max(line.rfind(b"!"), 0)
 
 
-def _unsealed(text: bytes, require_checksum: bool) -> Sentence:
+def _parse_without_checksum(text: bytes, require_checksum: bool) -> Sentence:
     if require_checksum:
         raise NoChecksumError(f"{shown(text)} is no NMEA sentence with a checksum: it ends without one")
-    sentence = _fields(text[1:].removesuffix(b"*"), sealed=False)
+    sentence = _fields(text[1:].removesuffix(b"*"), has_checksum=False)
     short = len(sentence.fields) < _COMPLETE.get(sentence.kind, 0)
     torn = sentence.kind == "XDR" and len(sentence.fields) % 4
     cut = sentence.kind in ("HDM", "HDT", "THS") and not sentence.field(1)
@@ -141,21 +140,20 @@ def _unsealed(text: bytes, require_checksum: bool) -> Sentence:
     return sentence
 
 
-def _fields(body: bytes, *, sealed: bool) -> Sentence:
+def _fields(body: bytes, *, has_checksum: bool) -> Sentence:
     text = body.decode("ascii")
     if _LETTERED_BODY.fullmatch(text):
-        return Sentence("C", LETTERED, tuple(_LETTERED_FIELD.findall(text)), sealed)
+        return Sentence("C", LETTERED, tuple(_LETTERED_FIELD.findall(text)), has_checksum)
     address, *fields = text.split(",")
     # A proprietary sentence has no talker: the last letters of Garmin's PGRMC are no RMC.
     whole = address in _WITHOUT_TALKER or address.startswith("P")
-    return Sentence(address, address if whole else address[2:], tuple(fields), sealed)
+    return Sentence(address, address if whole else address[2:], tuple(fields), has_checksum)
 
 
 class SentenceReader:
-    """``parse_sentence`` for one line after the other of the same port, for whoever is after some ``kinds`` of sentences.
+    """``parse_sentence`` for successive lines of one port, for a listener interested in some ``kinds`` of sentences.
 
-    A talker that has once sent a checksum with a sentence sends it always: one that is missing is damage then. Of other kinds
-    it does not matter.
+    A talker that sent a checksum once always does: a missing one is then damage. Other kinds do not matter.
     """
 
     def __init__(self, kinds: Collection[str], *, require_checksum: bool = True) -> None:
@@ -173,7 +171,7 @@ class SentenceReader:
                 raise MessageError(str(problem)) from problem
             if sentence.kind in self._kinds:
                 raise
-        if sentence.sealed:
+        if sentence.has_checksum:
             self._sealed.add(sentence.address)
         elif sentence.address in self._sealed:
             raise MessageError(f"{shown(line)} has lost its checksum")

@@ -1,4 +1,4 @@
-"""Several readings of one sensor, for whoever averages them."""
+"""Repeated readings of one sensor, for averaging."""
 
 from collections.abc import Callable, Hashable, Sequence
 from typing import TypeVar
@@ -10,12 +10,12 @@ _SUSPICIOUS_REPEATS = 16
 
 Reading = TypeVar("Reading")
 
-LEAST_READINGS = 10
-"""Of a chip that is averaged: fewer say neither its mean nor its noise."""
+MIN_READINGS = 10
+"""Least number of readings for a mean and its noise."""
 
 
 def read_for(read: Callable[[], Reading], duration_s: float, least: int = 1) -> list[Reading]:
-    """What ``read`` returns, as often as it fits into ``duration_s``, but ``least`` times though a busy computer takes longer.
+    """Results of ``read`` for ``duration_s``, at least ``least`` even if a busy computer takes longer.
 
     Raises what ``read`` raises.
     """
@@ -29,10 +29,10 @@ def read_for(read: Callable[[], Reading], duration_s: float, least: int = 1) -> 
 def require_noise(
     name: str, samples: Sequence[Hashable], suspicious_repeats: int = _SUSPICIOUS_REPEATS
 ) -> None:
-    """Raise ``DeviceError`` where many samples in a row are all the same.
+    """Raise ``DeviceError`` if many consecutive samples are equal.
 
-    A working sensor has noise of more than one count; one that repeats itself has stopped converting, however
-    plausible its value. How many are suspicious depends on how fine the counts are against the noise.
+    A working sensor has noise above one count; equal values mean that it has stopped converting, however plausible the
+    value. The number of suspicious repeats depends on resolution and noise.
     """
     if len(samples) >= suspicious_repeats and len(set(samples)) == 1:
         problem = f"is frozen: {len(samples)} identical readings in a row"

@@ -1,4 +1,4 @@
-"""Instruments that talk by themselves on a serial port: lines, and the newest reading among them."""
+"""Talkers: instruments that send unprompted on a serial port. Lines, and the newest reading among them."""
 
 import re
 from collections.abc import Callable
@@ -21,23 +21,23 @@ from rig.fault_notes import note_fault
 
 DEFAULT_TIMEOUT_S = 3.0
 SURVEY_S = 2.2
-"""Most weather instruments talk once a second, some every two."""
+"""Most weather instruments send once a second, some every two seconds."""
 COMPASS_SURVEY_S = 1.2
-"""A compass talks at least once a second, and the head waits for it."""
+"""A compass sends at least once a second, and the head waits for it."""
 
 _LONGEST_LINE = 512
 _RECENT_BYTES = 256
 _IDLE = b"\x00\xff \t"
-"""What an open line, or a program that sends C strings, puts between lines."""
+"""Bytes between lines, from an open line or a sender of C strings."""
 
-# A line ends with CR, LF or both; some instruments end it with zeros, or begin the next at once.
+# A line ends with CR, LF or both; some instruments end it with zeros, or start the next one at once.
 _LINE_END = re.compile(rb"[\r\n][\r\n\x00]*|(?<=\*[0-9A-Fa-f]{2})(?:\x00+|(?=[$!]))")
 
 Reading = TypeVar("Reading")
 
 
 class Port(Protocol):
-    """What a listener needs of a serial port."""
+    """The part of a serial port that is used here."""
 
     @property
     def path(self) -> str: ...
@@ -49,7 +49,7 @@ class Port(Protocol):
 
 
 class LineReader:
-    """Lines from a port. One longer than any instrument sends is dropped: noise, or a wrong baud rate."""
+    """Lines from a port. Overlong ones are dropped: noise, or a wrong baud rate."""
 
     def __init__(self, port: Port) -> None:
         self._port = port
@@ -59,16 +59,16 @@ class LineReader:
         """The last bytes that arrived since ``discard``, complete lines or not."""
 
     def discard(self) -> None:
-        """Forget what has arrived: the operating system keeps kilobytes of old lines for a slow reader."""
+        """Discard received bytes: the operating system buffers kilobytes of old lines."""
         self._port.discard_input()
         self._buffer.clear()
         self._dropping = False
         self.recent = b""
 
     def read_line(self, deadline: Deadline) -> bytes | None:
-        """The next line that is not empty, without its end; None where none is complete at the deadline.
+        """The next non-empty line, without its end; None if none is complete at the deadline.
 
-        Raises ``DeviceError`` where the port has gone away.
+        Raises ``DeviceError`` if the port has disappeared.
         """
         last_try = False
         while True:
@@ -90,8 +90,8 @@ class LineReader:
 
 
 @dataclass
-class _Heard:
-    """What came instead of a reading. The line that says most is told: ``rank`` grows with it."""
+class _NoReadingReason:
+    """What was received instead of a reading; the most informative line (highest ``rank``) is reported."""
 
     rank: int = 0
     said: str = "nothing"
@@ -99,21 +99,21 @@ class _Heard:
     noise: bytes = b""
 
     def tell(self, rank: int, said: str, remedy: str) -> None:
-        """Remember a line, unless one before said more."""
+        """Record a line, unless an earlier one has a higher rank."""
         if rank >= self.rank:
             self.rank, self.said, self.remedy = rank, said, remedy
 
 
-_DAMAGED, _FOREIGN, _OTHER, _UNSEALED, _WITHOUT_VALUE = range(1, 6)
+_DAMAGED, _FOREIGN, _OTHER, _NO_CHECKSUM, _WITHOUT_VALUE = range(1, 6)
 
 
 class Talker(Generic[Reading]):
-    """An instrument on a serial port, of its own or shared with another one.
+    """A talker on a serial port, which may be shared.
 
-    ``parse`` makes a reading of a line, or None of a line that is about something else, and raises
-    ``MessageError`` for one that gives none. ``what`` is what is expected, for errors ("HDG, HDM ... sentence").
-    ``agreed`` takes the readings of some time, and gives those that are to be averaged. The first of them are gathered for
-    ``survey_s`` at least, where the talker goes on for so long: several instruments on a line may take turns.
+    ``parse`` converts a line into a reading, or None if it is about something else, and raises ``MessageError`` for an
+    unusable one. ``what`` is the expected input, for errors ("HDG, HDM ... sentence"). ``agreed`` selects the readings
+    to be averaged. The first readings are collected for at least ``survey_s``, as several instruments on a line may
+    alternate.
     """
 
     def __init__(
@@ -134,16 +134,16 @@ class Talker(Generic[Reading]):
         self._survey_s = survey_s
 
     def read(self, timeout_s: float = DEFAULT_TIMEOUT_S) -> Reading:
-        """The next reading to arrive whole: what came before the call is old, and thrown away.
+        """The next complete reading; older input is discarded.
 
-        Raises ``TransientError`` where none comes in time, saying what came instead.
+        Raises ``TransientError`` with what came instead if none comes in time.
         """
         self._lines.discard()
         return self._next(timeout_s)
 
     def _next(self, timeout_s: float) -> Reading:
         deadline = Deadline.after(timeout_s)
-        heard = _Heard()
+        heard = _NoReadingReason()
         last_try = False
         while not last_try:
             last_try = deadline.expired  # noise may go on for ever
@@ -158,7 +158,7 @@ class Talker(Generic[Reading]):
         problem_text = f"no {self._what} within {timeout_s:g} s; last line: {heard.said}"
         raise TransientError(self._name, problem_text, heard.remedy)
 
-    def _reading_in(self, line: bytes, heard: _Heard) -> Reading | None:
+    def _reading_in(self, line: bytes, heard: _NoReadingReason) -> Reading | None:
         set_up = f"set the instrument to send a {self._what}"
         try:
             reading = self._parse(line, Instant.now())
@@ -167,7 +167,7 @@ class Talker(Generic[Reading]):
             note_fault(self._name, f"gave no value: {problem}", "waited for the next")
         except NoChecksumError as problem:
             heard.tell(
-                _UNSEALED,
+                _NO_CHECKSUM,
                 str(problem),
                 "switch the checksum on in the instrument, or say require_checksum = false in its section",
             )
@@ -188,8 +188,8 @@ class Talker(Generic[Reading]):
             return reading
         return None
 
-    def _tell_unended(self, heard: _Heard) -> None:
-        """Bytes came, and no line: at another baud rate there is no line end among them."""
+    def _tell_unended(self, heard: _NoReadingReason) -> None:
+        """Report bytes without a line end: at a wrong baud rate there is none."""
         recent = self._lines.recent
         family = family_of(recent)
         if family:
@@ -201,9 +201,9 @@ class Talker(Generic[Reading]):
             heard.tell(_DAMAGED, f"{recent[:82]!r} without an end", "check `baud` and the cable")
 
     def read_many(self, duration_s: float) -> list[Reading]:
-        """All readings that begin to arrive within ``duration_s``, at least one.
+        """All readings that begin within ``duration_s``, at least one.
 
-        Raises ``DeviceError`` where two of its sources do not agree.
+        Raises ``DeviceError`` if two of its sources disagree.
         """
         self._lines.discard()
         survey = Deadline.after(self._survey_s if duration_s > 0.0 else 0.0)  # one reading alone is no mean
@@ -219,7 +219,7 @@ class Talker(Generic[Reading]):
         return agreed
 
     def identify(self) -> str:
-        """What it is and where."""
+        """Name and port."""
         return f"{self._name} at {self._port.baud} baud"
 
     def close(self) -> None:
@@ -230,7 +230,8 @@ class Talker(Generic[Reading]):
 def nmea_compass(
     port: str, baud: int, *, require_checksum: bool = True, sentence: str | None = None
 ) -> Talker[HeadingReading]:
-    """A compass that sends HDG, HDM, HDT, THS, PTNTHPR, OHPR or OceanServer's $C; of ``sentence`` ("HDG", "HCHDG") alone.
+    """A compass that sends HDG, HDM, HDT, THS, PTNTHPR, OHPR or OceanServer's $C; only ``sentence`` ("HDG", "HCHDG") if
+    given.
 
     Raises ``DeviceError`` without a port.
     """
@@ -248,7 +249,7 @@ def nmea_compass(
 def nmea_barometer(
     port: str, baud: int, *, require_checksum: bool = True, transducer: str | None = None
 ) -> Talker[PressureReading]:
-    """A barometer that sends XDR, MDA or MMB; the pressure of ``transducer`` alone. Raises ``DeviceError`` without a port."""
+    """A barometer that sends XDR, MDA or MMB; only ``transducer`` if given. Raises ``DeviceError`` without a port."""
     read_sentence = SentenceReader(PRESSURE_KINDS, require_checksum=require_checksum)
     what = "XDR or MDA sentence with a pressure"
     return Talker(

@@ -1,9 +1,9 @@
-"""Vaisala's PA50 message of a barometer: bytes to readings, no port involved.
+"""Parser of Vaisala's PA50 barometer message. No I/O.
 
     SOH P STX 1 p p3h a3h p1 p2 p3 err ETX checksum
 
-Pressure, tendency, the three transducers, and an error code; a value that is missing is stars or a slash. The
-checksum is the sum of all bytes from SOH to ETX, modulo 256, in hexadecimal digits.
+Pressure, tendency, the three transducers, and an error code; a missing value is stars or a slash. The checksum is the
+sum of all bytes from SOH to ETX, modulo 256, in hexadecimal.
 """
 
 import re
@@ -22,7 +22,7 @@ _NO_ERROR = b"000"
 
 
 def parse_pa50(line: bytes, at: Instant) -> PressureReading:
-    """The pressure in one line. Raises ``MessageError`` where it is none, is damaged, or reports an error."""
+    """The pressure in one line. Raises ``MessageError`` if it is no PA50, damaged, or reports an error."""
     text = line[max(line.rfind(SOH), 0) :].rstrip(b"\r\n\x00")
     match = _MESSAGE.fullmatch(text)
     if match is None:

@@ -1,1 +1,1 @@
-"""How well skylines are found in real photographs and in another engine's pictures, and places by them."""
+"""Evaluation on real photographs and on pictures of another renderer: skylines, and positions from them."""

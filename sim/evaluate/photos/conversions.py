@@ -1,4 +1,4 @@
-"""From the ways in which poses and traces are published to the contract's conventions."""
+"""Converts published poses and traces to the contract's conventions."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -26,7 +26,7 @@ def grid_convergence_deg(crs: CRS, easting_m: float, northing_m: float) -> float
 
 
 def true_azimuth_deg(crs: CRS, easting_m: float, northing_m: float, grid_azimuth_deg: float) -> float:
-    """A grid azimuth as one from true north, 0 to 360."""
+    """True azimuth, 0 to 360, of a grid azimuth."""
     return (grid_azimuth_deg + grid_convergence_deg(crs, easting_m, northing_m)) % 360.0
 
 
@@ -40,7 +40,7 @@ def principal_point_px(size_px: Sequence[int], offset_px: Sequence[float]) -> tu
 
 
 def cropped(principal_point: tuple[float, float], left_px: int, top_px: int) -> tuple[float, float]:
-    """cx, cy in a picture of which so many columns and rows were cut off on the left and at the top."""
+    """cx, cy after cropping columns on the left and rows at the top."""
     return principal_point[0] - left_px, principal_point[1] - top_px
 
 

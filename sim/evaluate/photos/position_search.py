@@ -1,4 +1,4 @@
-"""Where a standpoint is found when the whole DEM is searched, with and without a heading, and how honest the answer is."""
+"""Searches the whole DEM for a standpoint, with and without heading, and judges the answer."""
 
 import math
 import time
@@ -25,18 +25,18 @@ Floats = NDArray[np.float64]
 
 HEADING_SIGMA_DEG = 2.0
 UNKNOWN_TURN_DEG = 137.0
-"""Without a heading the azimuths are turned by this much, so that nothing can lean on them by accident."""
+"""Without a heading the azimuths are rotated by this angle, so that nothing can use them by accident."""
 TRACE_SIGMA_PX = 1.0
-"""How exactly a hand follows a ridge."""
+"""Accuracy of a hand-traced ridge."""
 NEAR_CELLS, NEAR_SIGMAS = 5.0, 5.0
-"""A place counts as the true one within so many cells or standard deviations (its own and the truth's) of it."""
+"""A place counts as the true one within this many cells or standard deviations (its own and the truth's)."""
 
 
 HEADING_AND_ALTITUDE = {
     "found": (("2 deg", "known"), ("none", "known"), ("2 deg", "none")),
     "known": (("2 deg", "known"), ("none", "known")),
 }
-"""What is known in the searches by each skyline. Without either of both a search takes minutes."""
+"""Known quantities in the searches with each skyline. Without both a search takes minutes."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class Place:
 
 
 def judge(status: str, best_is_true: bool, truth_among: bool) -> str:
-    """The answer in one word: right, WRONG (a fix elsewhere), fair (several, the truth among them), missed or none."""
+    """The verdict: right, WRONG (a fix elsewhere), fair (several, the truth among them), missed or none."""
     if status == "none":
         return "none"
     if status == "fix":
@@ -89,7 +89,7 @@ def judge(status: str, best_is_true: bool, truth_among: bool) -> str:
 
 
 def is_true_place(error_m: float, sigma_m: float, truth_sigma_m: float, cell_m: float) -> bool:
-    """Whether a place this far from the truth still is the true one."""
+    """Whether a place at this distance counts as the true one."""
     return error_m <= max(NEAR_CELLS * cell_m, NEAR_SIGMAS * math.hypot(sigma_m, truth_sigma_m))
 
 
@@ -98,7 +98,7 @@ def search(
     terrain: Terrain | None = None,
     knowing: Mapping[str, Sequence[tuple[str, str]]] = HEADING_AND_ALTITUDE,
 ) -> Iterator[Trial]:
-    """Search for a standpoint with each skyline and with each of `knowing`: what is known of heading and altitude.
+    """Search for a standpoint with each skyline and each of `knowing`.
 
     `knowing`: by "found" and "known", the skyline searched by; heading "2 deg" or "none", altitude "known" or "none".
     `terrain`: that of `standpoint.dem`, if it was prepared before.
@@ -129,7 +129,7 @@ def terrain_of(standpoint: Standpoint) -> Terrain:
 
 
 def skyline_of_trace(row_px: Floats) -> Skyline:
-    """A traced skyline (width,) as if it had been found; NaN where nobody traced."""
+    """A traced skyline (width,) in the form of a found one; NaN without a trace."""
     known = np.isfinite(row_px)
     return Skyline(
         row_px=row_px,
@@ -142,10 +142,10 @@ def skyline_of_trace(row_px: Floats) -> Skyline:
 def _with_heading(
     bundle: Bundle, observation: Observation, standpoint: Standpoint, heading: bool
 ) -> Observation:
-    """The observation with a heading that is good to HEADING_SIGMA_DEG, or with none.
+    """The observation with a heading of sigma HEADING_SIGMA_DEG, or without.
 
-    A photograph's heading is published; it is turned by one sigma, in a direction that only depends on the name, so that
-    what is claimed is true. A rendered bundle has a compass's errors already.
+    A photograph's published heading is rotated by one sigma, with a sign that depends on its name, so that the stated
+    sigma is true. A rendered bundle already has a compass's errors.
     """
     if heading:
         sign = 1.0 if sum(map(ord, standpoint.name)) % 2 else -1.0
@@ -195,7 +195,7 @@ def _trial(
 
 
 def place_of(dem: Dem, refined: Refined) -> Place:
-    """Where a candidate lies."""
+    """Position of a candidate."""
     easting_m, northing_m = rowcol_to_metric(dem, refined.row, refined.col)
     sigma_m = float(np.sqrt(np.linalg.eigvalsh(refined.covariance_enu_m2)[-1]))
     return Place(float(easting_m), float(northing_m), sigma_m)

@@ -1,4 +1,4 @@
-"""The evaluation on photographs: all pictures traced, some of them made harder, all standpoints searched for."""
+"""The evaluation on photographs: skylines of all pictures and of degraded ones, and position searches."""
 
 import math
 import tempfile
@@ -11,25 +11,25 @@ from typing import Any
 from localizer.skyline.find import find_skyline
 from sim.errors import SimulationError
 from sim.evaluate.photos import tables
+from sim.evaluate.photos.degraded_pictures import degraded_pictures
 from sim.evaluate.photos.position_search import Trial, search, terrain_of
 from sim.evaluate.photos.skyline_score import PictureScore, score_skyline
 from sim.evaluate.photos.source import existing
-from sim.evaluate.photos.spoilt_pictures import spoilt_pictures
 from sim.evaluate.photos.standpoints import standpoints
 from sim.evaluate.photos.traced_pictures import TracedPicture, traced_pictures
 
 
 @dataclass(frozen=True)
 class PhotoEvaluation:
-    """What was measured, and whether the localizer was honest."""
+    """The results of the evaluation."""
 
     pictures: Sequence[tables.Scored]
-    spoilt: Sequence[tuple[str, PictureScore]]
+    degraded: Sequence[tuple[str, PictureScore]]
     trials: Sequence[Trial]
 
     @property
     def wrong_fixes(self) -> list[Trial]:
-        """The searches that called another place the fix."""
+        """The searches with a fix at a wrong place."""
         return [t for t in self.trials if t.verdict == "WRONG"]
 
     def fields(self) -> dict[str, Any]:
@@ -39,7 +39,7 @@ class PhotoEvaluation:
                 {"dataset": dataset, "name": name, "half": half, **score.figures()}
                 for dataset, name, half, score in self.pictures
             ],
-            "made_harder": [{"change": change, **score.figures()} for change, score in self.spoilt],
+            "made_harder": [{"change": change, **score.figures()} for change, score in self.degraded],
             "places": [_json_values(asdict(trial)) for trial in self.trials],
         }
 
@@ -53,7 +53,7 @@ class PhotoEvaluation:
                 "Pictures that failed:",
                 tables.skyline_failures(self.pictures),
                 "Made harder on purpose:",
-                tables.spoilt_table(self.spoilt),
+                tables.degraded_table(self.degraded),
                 "## Places: the whole DEM searched",
                 tables.position_summary(self.trials),
                 tables.position_table(self.trials),
@@ -81,11 +81,11 @@ def evaluate_photos(
         score = _score(picture)
         pictures.append((picture.dataset, picture.name, picture.half, score))
         progress(f"{picture.dataset} {picture.name}: skyline {score.verdict}")
-    spoilt = []
-    for change, picture in spoilt_pictures(traced):
-        spoilt.append((change, _score(picture)))
-        progress(f"{picture.dataset} {picture.name}, {change}: skyline {spoilt[-1][1].verdict}")
-    evaluation = PhotoEvaluation(pictures, spoilt, _search_all(data_dir, progress))
+    degraded = []
+    for change, picture in degraded_pictures(traced):
+        degraded.append((change, _score(picture)))
+        progress(f"{picture.dataset} {picture.name}, {change}: skyline {degraded[-1][1].verdict}")
+    evaluation = PhotoEvaluation(pictures, degraded, _search_all(data_dir, progress))
     if out_dir is not None:
         _write(evaluation, out_dir)
     return evaluation

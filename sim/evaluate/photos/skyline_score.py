@@ -1,4 +1,4 @@
-"""A skyline that was found against one that is known, in px at a width of 1000 px so that pictures compare."""
+"""Compares a found skyline with the known one, in px at a width of 1000 px."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,9 +12,9 @@ Floats = NDArray[np.float64]
 
 REFERENCE_WIDTH_PX = 1000.0
 FAR_OFF_PX = 10.0
-"""At REFERENCE_WIDTH_PX: no more than this is a matter of care in tracing, more is another line in the picture."""
+"""At REFERENCE_WIDTH_PX: smaller errors are tracing accuracy, larger ones another line in the picture."""
 MOSTLY = 0.05
-"""The share of columns far off from which a picture counts as failed, by where those columns lie."""
+"""Share of far-off columns from which a picture counts as failed, by their position."""
 
 
 @dataclass(frozen=True)
@@ -37,17 +37,17 @@ class PictureScore:
 
     @property
     def confident_share(self) -> float:
-        """Of the columns that show sky over terrain, those declared confident."""
+        """Share of the columns with sky over terrain that are declared confident."""
         return float(self.confident.sum() / self.columns) if self.columns else float("nan")
 
     @property
     def above_share(self) -> float:
-        """Of the confident columns, those far off above the truth: a cloud, haze, a streak in the sky."""
+        """Share of the confident columns far above the truth: a cloud, haze, a streak in the sky."""
         return self._share(self.error_px < -FAR_OFF_PX)
 
     @property
     def below_share(self) -> float:
-        """Of the confident columns, those far off below the truth: a nearer ridge, the edge of snow or shade."""
+        """Share of the confident columns far below the truth: a nearer ridge, the edge of snow or shade."""
         return self._share(self.error_px > FAR_OFF_PX)
 
     def _share(self, which: NDArray[np.bool_]) -> float:
@@ -71,7 +71,7 @@ class PictureScore:
 
     @property
     def verdict(self) -> str:
-        """What became of the picture, in two words."""
+        """The verdict in two words."""
         if self.above_share >= MOSTLY and self.above_share >= self.below_share:
             return "above it"
         if self.below_share >= MOSTLY:
@@ -97,7 +97,7 @@ def score_skyline(found: Skyline, true_row_px: Floats, height_px: int) -> Pictur
 
 
 def together(scores: Sequence[PictureScore]) -> PictureScore:
-    """All columns of several pictures."""
+    """The score of all columns of several pictures."""
     return PictureScore(
         error_px=np.concatenate([s.error_px for s in scores]),
         confident=np.concatenate([s.confident for s in scores]),

@@ -1,4 +1,4 @@
-"""Reading the data where it lies: a missing or broken file ends the evaluation with one clear line."""
+"""Reads the data folder; a missing or broken file ends the evaluation with one line."""
 
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ Image = NDArray[np.uint8]
 
 
 def existing(path: Path) -> Path:
-    """The path itself, if there is something there. Raises SimulationError."""
+    """The path, if it exists. Raises SimulationError."""
     if not path.exists():
         raise SimulationError(
             f"{path}: not there; give the data folder that holds photos, rendered, terrain, local-only"

@@ -1,4 +1,4 @@
-"""The places whose pictures are searched for: each as a real bundle with honest sigmas, its DEM and the truth."""
+"""The standpoints: each as a real bundle with realistic sigmas, its DEM and the truth."""
 
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
@@ -27,10 +27,10 @@ from sim.evaluate.photos.traced_pictures import rendered_folders
 Floats = NDArray[np.float64]
 
 UNKNOWN_TIME = datetime(2000, 1, 1, 12, tzinfo=UTC)
-"""A bundle must state a time; the search does not look at it."""
+"""A bundle must have a time; the search does not use it."""
 MAST_HEIGHT_M = 2.0
 ALTIMETER_SIGMA_M = 15.0
-"""What a barometric altimeter is good for: the photographs' altitudes are surveyed, but a vehicle would not know better."""
+"""Sigma of a barometric altimeter: the photographs' altitudes are surveyed, but a vehicle would not have that."""
 COLUMBIA_GEOID_M = 16.0
 """Height of mean sea level above the ellipsoid, good to a metre."""
 COLUMBIA_TILT_SIGMA_DEG = 0.15
@@ -77,7 +77,7 @@ class Standpoint:
 
 
 def standpoints(data_dir: Path, work_dir: Path) -> Iterator[Standpoint]:
-    """All of them, made into bundles below `work_dir` where they are none. Raises SimulationError for what is missing."""
+    """All standpoints, converted to bundles below `work_dir` where necessary. Raises SimulationError for missing data."""
     yield from _columbia(data_dir, work_dir)
     yield _aletsch(data_dir, work_dir)
     yield from _rendered(data_dir)
@@ -120,7 +120,7 @@ def _aletsch(data_dir: Path, work_dir: Path) -> Standpoint:
             f"{folder / 'aletsch_1890s.jpg'}: {width_px} x {height_px} px; give the one of 1024 x 763"
         )
     image = np.ascontiguousarray(paper[p["top"] : p["bottom"], p["left"] : p["right"]])
-    # the resection took the middle of the whole picture, border included, for the principal point
+    # the resection used the centre of the whole picture, border included, as principal point
     middle = principal_point_px((width_px, height_px), (0.0, 0.0))
     camera = _camera(image, (ALETSCH_FOCAL_PX,) * 2, cropped(middle, p["left"], p["top"]), (0.0,) * 5)
     crs = CRS.from_epsg(21781)
@@ -163,7 +163,7 @@ def _rendered(data_dir: Path) -> Iterator[Standpoint]:
 
 
 LABEL = "photo"
-"""Of the only frame of a photograph's bundle."""
+"""Label of the only frame of a photograph's bundle."""
 
 
 def write_bundle(
@@ -178,7 +178,7 @@ def write_bundle(
     tilt_sigma_deg: float,
     roll_sigma_deg: float,
 ) -> Path:
-    """A bundle of one photograph. Nothing is claimed of the heading here; who searches says what it is taken to be."""
+    """A bundle of one photograph, without heading information; the search adds its own."""
     (folder / "frames").mkdir(parents=True)
     file = f"frames/{LABEL}.png"
     encoded, png = cv2.imencode(".png", image)

@@ -1,4 +1,4 @@
-"""The tables, as markdown (for the screen and the documentation) and as CSV."""
+"""The result tables, as markdown (for screen and documentation) and CSV."""
 
 import csv
 import io
@@ -27,7 +27,7 @@ def markdown(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def skyline_summary(pictures: Sequence[Scored]) -> str:
-    """One row a dataset and half, over all columns and over the confident ones."""
+    """One row per dataset and half, for all columns and for the confident ones."""
     groups: dict[tuple[str, str], list[PictureScore]] = {}
     for dataset, _, half, score in pictures:
         for key in ((dataset, half), (dataset, ""), ("all", half), ("all", "")):
@@ -46,7 +46,7 @@ def skyline_summary(pictures: Sequence[Scored]) -> str:
 
 
 def skyline_failures(pictures: Sequence[Scored]) -> str:
-    """The pictures in which something is amiss."""
+    """The pictures with defects."""
     rows = [
         [dataset, name, half, *_figures(score), score.verdict]
         for dataset, name, half, score in pictures
@@ -55,17 +55,17 @@ def skyline_failures(pictures: Sequence[Scored]) -> str:
     return markdown(["pictures", "name", "half", *_SKYLINE_FIGURES, "verdict"], rows)
 
 
-def spoilt_table(spoilt: Sequence[tuple[str, PictureScore]]) -> str:
-    """One row a change, over the confident columns of the pictures that it was made to."""
+def degraded_table(degraded: Sequence[tuple[str, PictureScore]]) -> str:
+    """One row per degradation, for the confident columns of its pictures."""
     groups: dict[str, list[PictureScore]] = {}
-    for name, score in spoilt:
+    for name, score in degraded:
         groups.setdefault(name, []).append(score)
     rows = [[name, str(len(scores)), *_figures(together(scores))] for name, scores in groups.items()]
     return markdown(["change", "number", *_SKYLINE_FIGURES], rows)
 
 
 def position_table(trials: Sequence[Trial]) -> str:
-    """One row a search; what is wrong stands out."""
+    """One row per search; wrong ones are emphasised."""
     rows = []
     for t in trials:
         verdict = f"**{t.verdict}**" if t.verdict == "WRONG" else t.verdict
@@ -103,7 +103,7 @@ def position_table(trials: Sequence[Trial]) -> str:
 
 
 def position_summary(trials: Sequence[Trial]) -> str:
-    """How often each verdict was reached, by dataset, skyline and what was known."""
+    """Number of each verdict, by dataset, skyline and known quantities."""
     groups: dict[tuple[str, str, str, str], Counter[str]] = {}
     for t in trials:
         groups.setdefault((t.dataset, t.skyline, t.heading, t.altitude), Counter())[t.verdict] += 1

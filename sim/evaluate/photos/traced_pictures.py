@@ -1,4 +1,4 @@
-"""The pictures whose skyline is known: traced by hand, or computed by the engine that drew them."""
+"""Pictures with a known skyline: traced by hand, or computed by their renderer."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -49,7 +49,7 @@ def hand_traced(data_dir: Path) -> Iterator[TracedPicture]:
 
 
 def columbia_traced(data_dir: Path) -> Iterator[TracedPicture]:
-    """Time-lapse photographs. The halves are told apart by station, because a station's pictures show the same ridge."""
+    """Time-lapse photographs. The halves are split by station, as a station's pictures show the same ridge."""
     folder = existing(data_dir / "local-only" / "columbia")
     for photo in read_json(folder / "truth.json")["photos"]:
         image = read_image(folder / photo["photo"])
@@ -59,7 +59,7 @@ def columbia_traced(data_dir: Path) -> Iterator[TracedPicture]:
 
 
 def rendered_traced(data_dir: Path) -> Iterator[TracedPicture]:
-    """Rendered pictures; the truth is the terrain's skyline, with the trees and rocks before it taken away."""
+    """Rendered pictures; the truth is the terrain's skyline, excluding columns with trees and rocks."""
     for number, folder in enumerate(rendered_folders(data_dir)):
         for label, frame in read_json(folder / "truth.json")["images"].items():
             yield TracedPicture(

@@ -24,7 +24,7 @@ from localizer.search.locate import locate
 from localizer.track import Movement, Tracker, follow
 from localizer.track.document import TrackLine
 from localizer.track.tracker import TrackerError
-from sim.paper.observing import aimed_tilt_deg, frame_observation, half_view_deg
+from sim.paper.observations import aimed_tilt_deg, frame_observation, half_view_deg
 from sim.world.contour import skyline_contour
 from sim.world.mechanics import Attitude, camera_in_world
 from sim.world.scenario import CameraOptics

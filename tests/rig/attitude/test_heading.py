@@ -31,7 +31,7 @@ headings = st.floats(0.0, 359.9)
 slopes = st.floats(-8.0, 8.0)
 
 
-def standing(pitch_deg: float, roll_deg: float, sigma_deg: float = 0.0) -> BaseLevel:
+def base_estimate(pitch_deg: float, roll_deg: float, sigma_deg: float = 0.0) -> BaseLevel:
     return BaseLevel(pitch_deg, roll_deg, 0.0, 0.0, 0.0, 0.0, sigma_deg, 0.0)
 
 
@@ -67,7 +67,7 @@ def talks(
 @given(headings, slopes, slopes)
 def test_heading_on_any_slope(heading_deg: float, pitch_deg: float, roll_deg: float) -> None:
     found = heading_from_field(
-        fields(Attitude(heading_deg, pitch_deg, roll_deg)), standing(pitch_deg, roll_deg)
+        fields(Attitude(heading_deg, pitch_deg, roll_deg)), base_estimate(pitch_deg, roll_deg)
     )
     assert wrapped_deg(found.heading_deg - heading_deg) == pytest.approx(0.0, abs=1e-6)
     assert (found.horizontal_ut, found.down_ut) == pytest.approx((22.0, 43.0))
@@ -78,7 +78,7 @@ def test_iron_on_the_pan_stage_is_found_and_does_not_matter(
     heading_deg: float, x_ut: float, y_ut: float
 ) -> None:
     found = heading_from_field(
-        fields(Attitude(heading_deg, 0.0, 0.0), stage_ut=(x_ut, y_ut, 0.0)), standing(0, 0)
+        fields(Attitude(heading_deg, 0.0, 0.0), stage_ut=(x_ut, y_ut, 0.0)), base_estimate(0, 0)
     )
     assert wrapped_deg(found.heading_deg - heading_deg) == pytest.approx(0.0, abs=1e-6)
     assert found.stage_field_ut == pytest.approx((x_ut, y_ut), abs=1e-9)
@@ -86,18 +86,18 @@ def test_iron_on_the_pan_stage_is_found_and_does_not_matter(
 
 def test_uneven_pan_angles_do_as_well() -> None:
     base = Attitude(200.0, 2.0, 1.0)
-    found = heading_from_field(fields(base, (-100.0, -20.0, 30.0), (6.0, -4.0, 0.0)), standing(2.0, 1.0))
+    found = heading_from_field(fields(base, (-100.0, -20.0, 30.0), (6.0, -4.0, 0.0)), base_estimate(2.0, 1.0))
     assert found.heading_deg == pytest.approx(200.0, abs=1e-6)
 
 
 def test_noise_and_level_show_in_the_scatter() -> None:
     base = Attitude(80.0, 1.0, -2.0)
-    quiet = heading_from_field(fields(base, noise_ut=0.04), standing(1.0, -2.0))
+    quiet = heading_from_field(fields(base, noise_ut=0.04), base_estimate(1.0, -2.0))
     assert abs(quiet.heading_deg - 80.0) < 0.1
     assert 0.0 < quiet.scatter_deg < 0.1
-    loud = heading_from_field(fields(base, noise_ut=1.0), standing(1.0, -2.0))
+    loud = heading_from_field(fields(base, noise_ut=1.0), base_estimate(1.0, -2.0))
     assert loud.scatter_deg > 3 * quiet.scatter_deg
-    shaky = heading_from_field(fields(base), standing(1.0, -2.0, sigma_deg=0.5))
+    shaky = heading_from_field(fields(base), base_estimate(1.0, -2.0, sigma_deg=0.5))
     assert shaky.scatter_deg == pytest.approx(0.5 * 43 / 22, rel=0.01)
 
 
@@ -113,7 +113,7 @@ def test_more_angles_make_a_surer_heading() -> None:
                 FieldAtPan(f.pan_deg + off, f.mean_ut, f.noise_ut)
                 for f, off in zip(fields(base, pans_deg), off_deg, strict=True)
             ]
-            found = heading_from_field(read, standing(0.0, 0.0))
+            found = heading_from_field(read, base_estimate(0.0, 0.0))
             errors_deg.append(found.heading_deg - 80.0)
             told_deg.append(found.scatter_deg)
     error, told = (np.sqrt(np.square(x).reshape(-1, 2).mean(axis=0)) for x in (errors_deg, told_deg))
@@ -125,18 +125,18 @@ def test_the_same_angle_twice_makes_no_heading_surer() -> None:
     base = Attitude(80.0, 0.0, 0.0)
     off_deg = (0.05, -0.03, 0.02, -0.06)
     read = [FieldAtPan(f.pan_deg + off, f.mean_ut, 0.0) for f, off in zip(fields(base), off_deg, strict=True)]
-    once, twice = (heading_from_field(read * times, standing(0.0, 0.0)) for times in (1, 2))
+    once, twice = (heading_from_field(read * times, base_estimate(0.0, 0.0)) for times in (1, 2))
     assert once.scatter_deg > 0.01
     assert twice.scatter_deg == pytest.approx(once.scatter_deg)
     said = [replace(h, pan_deg=h.pan_deg + off) for h, off in zip(talks(base), off_deg, strict=True)]
-    once_said, twice_said = (heading_from_talker(said * times, standing(0.0, 0.0)) for times in (1, 2))
+    once_said, twice_said = (heading_from_talker(said * times, base_estimate(0.0, 0.0)) for times in (1, 2))
     assert once_said.scatter_deg > 0.01
     assert twice_said.scatter_deg == pytest.approx(once_said.scatter_deg)
 
 
 def test_three_angles_of_a_talker_and_one_of_them_again_are_averaged() -> None:
     three = talks(Attitude(10.0, 0.0, 0.0), (-120.0, 0.0, 120.0), 3.0)
-    assert heading_from_talker([*three, three[1]], standing(0.0, 0.0)).scatter_deg > 0.5
+    assert heading_from_talker([*three, three[1]], base_estimate(0.0, 0.0)).scatter_deg > 0.5
 
 
 def test_a_field_that_is_not_the_earths() -> None:
@@ -144,26 +144,28 @@ def test_a_field_that_is_not_the_earths() -> None:
     with pytest.raises(
         DeviceError, match=r"compass: measures 241\.\d uT.* check \[compass\] axes and hard_iron_ut"
     ):
-        heading_from_field(magnet, standing(0.0, 0.0))
+        heading_from_field(magnet, base_estimate(0.0, 0.0))
 
 
 @given(headings, slopes, slopes)
 def test_a_talker_on_any_slope(heading_deg: float, pitch_deg: float, roll_deg: float) -> None:
     found = heading_from_talker(
-        talks(Attitude(heading_deg, pitch_deg, roll_deg)), standing(pitch_deg, roll_deg)
+        talks(Attitude(heading_deg, pitch_deg, roll_deg)), base_estimate(pitch_deg, roll_deg)
     )
     assert wrapped_deg(found.heading_deg - heading_deg) == pytest.approx(0.0, abs=1e-6)
 
 
 @given(headings)
 def test_a_talkers_deviation_is_solved_for(heading_deg: float) -> None:
-    found = heading_from_talker(talks(Attitude(heading_deg, 0.0, 0.0), deviation_deg=3.0), standing(0.0, 0.0))
+    found = heading_from_talker(
+        talks(Attitude(heading_deg, 0.0, 0.0), deviation_deg=3.0), base_estimate(0.0, 0.0)
+    )
     assert wrapped_deg(found.heading_deg - heading_deg) == pytest.approx(0.0, abs=0.2)
 
 
 def test_three_angles_of_a_talker_are_averaged() -> None:
     found = heading_from_talker(
-        talks(Attitude(10.0, 0.0, 0.0), (-120.0, 0.0, 120.0), 3.0), standing(0.0, 0.0)
+        talks(Attitude(10.0, 0.0, 0.0), (-120.0, 0.0, 120.0), 3.0), base_estimate(0.0, 0.0)
     )
     assert found.heading_deg == pytest.approx(10.0, abs=0.2)
     assert found.scatter_deg > 0.5
@@ -172,7 +174,7 @@ def test_three_angles_of_a_talker_are_averaged() -> None:
 def test_a_talker_that_does_not_turn() -> None:
     stuck = [HeadingsAtPan(pan_deg, (120.0,)) for pan_deg in PANS_DEG]
     with pytest.raises(DeviceError, match="compass: its headings do not turn with the pan"):
-        heading_from_talker(stuck, standing(0.0, 0.0))
+        heading_from_talker(stuck, base_estimate(0.0, 0.0))
 
 
 def test_mean_of_directions_across_north() -> None:

@@ -155,5 +155,5 @@ def test_a_wrong_pan_direction_is_noticed() -> None:
 
 
 def test_the_level_takes_a_heading() -> None:
-    standing = BaseLevel(1.0, 2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    assert standing.attitude(30.0) == Attitude(30.0, 1.0, 2.0)
+    base_estimate = BaseLevel(1.0, 2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    assert base_estimate.attitude(30.0) == Attitude(30.0, 1.0, 2.0)

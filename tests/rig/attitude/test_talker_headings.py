@@ -88,7 +88,7 @@ class TestVariation:
     @pytest.mark.parametrize(
         "form", ["HCHDG,{m},,,12.7,E", "HCHDM,{m},M", "HCHDT,{t},T", "C{m}P0.2R-0.1T19.0"]
     )
-    def test_what_is_told_rightly_is_taken_without_a_note(self, form: str) -> None:
+    def test_a_correct_variation_is_used_without_a_note(self, form: str) -> None:
         found, problems = judged(stops(form))
         require_true(found)
         assert not problems
@@ -140,7 +140,7 @@ class TestVariation:
         require_true(found)
         assert not problems
 
-    def test_hdm_beside_hdg_has_its_variation(self) -> None:
+    def test_hdm_with_hdg_uses_its_variation(self) -> None:
         found, problems = judged(stops("HCHDG,{m},,,12.7,E", "HCHDM,{m},M"), place=None)
         require_true(found)
         assert not problems

@@ -202,7 +202,7 @@ def test_a_bomb_is_refused_before_it_takes_room(
 def test_thousands_of_empty_members_are_refused(
     written: Path, tmp_path: Path, home: Path, suffix: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(limits, "MOST_MEMBERS", 300)
+    monkeypatch.setattr(limits, "MAX_MEMBERS", 300)
     members = [(f"{written.name}/x{number}", b"") for number in range(400)]
     assert "more than 300 files" in refused(write_archive_of(tmp_path / f"x{suffix}", members), home)
     folders = [(f"{written.name}/x{number}/", b"") for number in range(400)]
@@ -213,7 +213,7 @@ def test_thousands_of_empty_members_are_refused(
 def test_a_folder_with_more_files_than_a_bundle_is_refused_without_waiting_for_the_rest(
     written: Path, tmp_path: Path, home: Path
 ) -> None:
-    members = [(f"{written.name}/x{number}", b"") for number in range(unpack.MOST_IN_FOLDER + 10)]
+    members = [(f"{written.name}/x{number}", b"") for number in range(unpack.MAX_IN_FOLDER + 10)]
     assert "more files than any bundle" in refused(write_archive_of(tmp_path / "x.tar", members), home)
 
 
@@ -320,7 +320,7 @@ def test_sums_are_checked_before_anything_is_in_its_place(
 def test_huge_sums_are_refused(
     written: Path, tmp_path: Path, home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(unpack, "MOST_SUMS_BYTES", 1000)
+    monkeypatch.setattr(unpack, "MAX_SUMS_BYTES", 1000)
     archive = write_archive_of(tmp_path / "x.tar", [*members_of(written), ("SHA256SUMS", b"0" * 5000)])
     assert "SHA256SUMS is larger" in refused(archive, home)
 
@@ -339,7 +339,7 @@ def test_a_full_disk_leaves_nothing(
         unpack_archive(archive, home)
     assert tree(home.parent) == before
     monkeypatch.undo()
-    monkeypatch.setattr(unpack, "LEAST_FREE_BYTES", 1 << 60)
+    monkeypatch.setattr(unpack, "MIN_FREE_BYTES", 1 << 60)
     assert "no room" in refused(archive, home)
 
 

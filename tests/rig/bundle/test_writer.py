@@ -137,7 +137,7 @@ def test_no_permission(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         require_writable(tmp_path)
 
 
-def test_a_disk_that_is_nearly_full_is_told_before_anything_is_measured(
+def test_a_nearly_full_disk_is_reported_before_the_measurement(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("shutil.disk_usage", lambda path: SimpleNamespace(free=3_000_000))

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from rig.calibrate.altimeter import KnownAltitude, fit_pressure
-from rig.capture.measure import MeanPressure, altitude_from
+from rig.capture.averaged_readings import MeanPressure, altitude_from
 from rig.clock import Instant
 from rig.config.calibration_files import CalibrationError
 from rig.config.sections import I2cAltimeterSection, SerialAltimeterSection

@@ -16,8 +16,8 @@ from rig.calibrate.boresight.horizon_profile import STEP_DEG, HorizonProfile
 from rig.calibrate.boresight.known_place import KnownPlace, PlaceSigmas
 from rig.calibrate.boresight.procedure import measure_boresight
 from rig.calibrate.boresight.skyline_frame import SkylineFrame
-from rig.calibrate.boresight.skyline_look import require_unmoved
-from rig.capture.standing import Standing
+from rig.calibrate.boresight.skyline_survey import require_unmoved
+from rig.capture.base_attitude import BaseEstimate
 from rig.config.calibration_files import CalibrationError
 
 AZIMUTHS_DEG = np.arange(0.0, 360.0, STEP_DEG)
@@ -126,14 +126,14 @@ def test_cloud_before_the_ridge_is_refused() -> None:
         fit_boresight(frames(profile, share=0.1), profile, UNKNOWN, 0.5, SIGMAS)
 
 
-def standing(heading_deg: float, pitch_deg: float) -> Standing:
+def base_estimate(heading_deg: float, pitch_deg: float) -> BaseEstimate:
     level = BaseLevel(pitch_deg, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     heading = TrueHeading(heading_deg, 0.3, None)
-    return Standing(level.attitude(heading_deg), level, heading, {}, {}, ())
+    return BaseEstimate(level.attitude(heading_deg), level, heading, {}, {}, ())
 
 
 def test_a_vehicle_that_stands_may_read_a_little_otherwise() -> None:
-    require_unmoved(standing(359.9, 2.0), standing(0.1, 2.01))
+    require_unmoved(base_estimate(359.9, 2.0), base_estimate(0.1, 2.01))
 
 
 def test_the_heading_is_of_the_stops_before_the_pictures_and_the_stops_after(
@@ -163,4 +163,4 @@ def test_the_heading_is_of_the_stops_before_the_pictures_and_the_stops_after(
 @pytest.mark.parametrize(("heading_deg", "pitch_deg"), [(31.5, 2.0), (30.0, 2.3)])
 def test_a_vehicle_that_moved_meanwhile_is_refused(heading_deg: float, pitch_deg: float) -> None:
     with pytest.raises(CalibrationError, match="the vehicle moved while it was measured"):
-        require_unmoved(standing(30.0, 2.0), standing(heading_deg, pitch_deg))
+        require_unmoved(base_estimate(30.0, 2.0), base_estimate(heading_deg, pitch_deg))

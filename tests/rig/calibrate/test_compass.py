@@ -8,7 +8,7 @@ from rig.attitude.kinematics import Attitude, body_rotation, wrapped_deg
 from rig.attitude.level import BaseLevel
 from rig.calibrate.compass.fit import CompassFit, fit_compass
 from rig.calibrate.compass.model import EarthField, VehicleStop
-from rig.calibrate.compass.torque import HeldAndFree, torque_field
+from rig.calibrate.compass.torque import TorqueOnOffPair, torque_field
 from rig.config.calibration_files import CalibrationError
 
 EARTH = EarthField(23.5, 42.0, 0.0)
@@ -148,13 +148,13 @@ def test_a_compass_upside_down_is_refused() -> None:
         fit_compass(stops, EARTH)
 
 
-def held_and_free(pan_deg: float, gave_way_deg: float, torque_ut: list[float]) -> HeldAndFree:
+def held_and_free(pan_deg: float, gave_way_deg: float, torque_ut: list[float]) -> TorqueOnOffPair:
     bent = Bent(1)
     held, free = bent.measures(Attitude(30.0, 0.0, 0.0), np.array([pan_deg, pan_deg + gave_way_deg]))
-    return HeldAndFree(held + torque_ut, free, pan_deg, pan_deg + gave_way_deg)
+    return TorqueOnOffPair(held + torque_ut, free, pan_deg, pan_deg + gave_way_deg)
 
 
-def test_what_the_torque_adds_is_told_from_a_head_that_gives_way() -> None:
+def test_the_torque_field_is_separated_from_a_head_that_sinks() -> None:
     hard_ut = Bent(1).stage_ut
     pairs = [
         held_and_free(pan, turn, [1.2, -0.5, 0.8]) for pan, turn in ((-150.0, 3.0), (0.0, -2.0), (150.0, 0.2))

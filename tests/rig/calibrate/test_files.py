@@ -11,9 +11,9 @@ from fakes.whole_rig import FakeRig, running_rig
 
 from localizer.bundle import load_bundle
 from rig.attitude.kinematics import wrapped_deg
-from rig.calibrate.naming import name_in_config, with_calibration
+from rig.calibrate.config_edit import name_in_config, with_calibration
 from rig.calibrate.recalibrate import recalibrate
-from rig.capture.capture import capture
+from rig.capture.sequence import capture
 from rig.commands.bundle import bundle
 from rig.config.calibration_files import (
     AltimeterCalibration,
@@ -121,7 +121,7 @@ def test_a_missing_or_misplaced_file_is_named(tmp_path: Path) -> None:
         read_calibration(write_calibration(CAMERA, tmp_path), "compass")
 
 
-def test_an_old_bundle_is_derived_anew_and_stays_itself(
+def test_an_old_bundle_is_recalibrated_and_stays_unchanged(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rig = FakeRig()
@@ -192,7 +192,7 @@ def test_a_bundle_without_raw_readings_is_refused(tmp_path: Path, monkeypatch: p
     assert not (tmp_path / "new").exists() or not list((tmp_path / "new").iterdir())
 
 
-def test_a_calibration_on_top_of_others_is_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_calibration_lists_those_it_is_based_on(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     config = load_config(vehicle(tmp_path))
     later = BORESIGHT.model_copy(update={"based_on": {"camera": "camera-0"}})
     files = [read_calibration(write_calibration(document, tmp_path)) for document in (CAMERA, later)]

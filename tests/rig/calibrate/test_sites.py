@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 from pyproj import CRS
 
 from localizer.dem.lattice import dem_from_array
+from rig.calibrate.boresight.dem_error_model import covariance_deg2, fit_dem_error_model
 from rig.calibrate.boresight.known_place import KnownPlace, PlaceSigmas
-from rig.calibrate.boresight.ridge_errors import covariance_deg2, ridge_errors
 from rig.calibrate.boresight.sites import APART_M, AZIMUTHS_DEG, _apart_m, best_sites, expected_sigmas_deg
 from rig.config.calibration_files import CalibrationError
 
@@ -53,7 +53,7 @@ def test_the_error_of_the_dem_is_found_from_what_is_left() -> None:
     left = 3.0 * np.linalg.cholesky(alike) @ rng.normal(size=len(azimuth)) + image * rng.normal(
         size=len(azimuth)
     )
-    found = ridge_errors(left, image, told, alike)
+    found = fit_dem_error_model(left, image, told, alike)
     assert 2.0 < found.dem_factor < 4.5
     assert np.std(found.whiten @ left) == pytest.approx(1.0, abs=0.25)
 

@@ -12,7 +12,8 @@ from localizer.skyline.find import find_skyline
 from rig.capture.pictures.bracketing import BURNT_LIMIT, Pictures, bracketed, burnt_share, pictures_of
 from rig.clock import Instant
 from rig.config.sections import CameraSection
-from rig.devices.camera.camera import V4L2_AUTOMATIC, V4L2_MANUAL, Camera, LocalExposure, TimedFrame
+from rig.devices.camera.driver import V4L2_AUTOMATIC, V4L2_MANUAL, Camera, LocalExposure
+from rig.devices.camera.frames import TimedFrame
 from rig.errors import TransientError
 from rig.fault_notes import collecting
 from sim.devices.camera_stream import CameraStream
@@ -35,7 +36,7 @@ class Told:
     """A camera whose pictures have twice the light, and less as it is told."""
 
     name = "camera"
-    can_expose = True
+    exposure_is_settable = True
 
     def __init__(self, broken: bool = False) -> None:
         self.told: list[float] = []
@@ -46,7 +47,7 @@ class Told:
         if self._broken:
             raise TransientError("camera", "takes no exposure", "check it")
 
-    def settled_s(self) -> float:
+    def exposure_settled_at_s(self) -> float:
         return 0.0
 
     def frames_after(self, moment_s: float, count: int) -> list[TimedFrame]:
@@ -83,7 +84,7 @@ def test_a_camera_that_takes_no_exposure_keeps_its_picture() -> None:
     with collecting() as notes:
         assert bracketed(camera, usual) is usual
     assert "takes no exposure" in notes.all()[0].problem
-    camera.can_expose = False
+    camera.exposure_is_settable = False
     assert bracketed(camera, usual) is usual
 
 
@@ -94,7 +95,7 @@ def stream() -> Iterator[CameraStream]:
     stream.close()
 
 
-def test_a_network_camera_is_told_by_its_url(stream: CameraStream) -> None:
+def test_the_exposure_of_a_network_camera_is_set_by_url(stream: CameraStream) -> None:
     section = CameraSection(
         source=stream.url,
         exposure_url=stream.exposure_url,
@@ -109,9 +110,9 @@ def test_a_network_camera_is_told_by_its_url(stream: CameraStream) -> None:
     )
     with Camera(section) as camera:
         camera.wait_open()
-        usual = camera.frame_after(camera.settled_s()).image_bgr.mean()
+        usual = camera.frame_after(camera.exposure_settled_at_s()).image_bgr.mean()
         camera.expose(-2.0)
-        darker = camera.frame_after(camera.settled_s()).image_bgr.mean()
+        darker = camera.frame_after(camera.exposure_settled_at_s()).image_bgr.mean()
         assert darker == pytest.approx(usual * 2.0 ** (-2.0 / 2.2), rel=0.05)
     elsewhere = section.model_copy(update={"exposure_url": stream.url.replace("stream", "{ev}")})
     with Camera(elsewhere) as camera:
@@ -134,7 +135,7 @@ class Driver:
         return True
 
 
-def test_a_local_camera_is_told_by_its_driver() -> None:
+def test_the_exposure_of_a_local_camera_is_set_by_its_driver() -> None:
     driver: Any = Driver()
     exposure = LocalExposure(driver)
     exposure.set(-1.0)

@@ -15,7 +15,8 @@ from fakes.whole_rig import HEIGHT_PX, FakeRig, RunningRig, running_rig
 from localizer.bundle import load_bundle
 from localizer.skyline.find import ColumnState, Skyline, find_skyline
 from rig.attitude.kinematics import Attitude, Head, JointAngles, camera_pointing, wrapped_deg
-from rig.capture.capture import CaptureError, capture, in_passing
+from rig.capture.sequence import CaptureError, capture
+from rig.capture.view import in_sweep_order
 from rig.config.directions import parse_directions
 from rig.errors import DeviceError, GoalError, LostPortError
 
@@ -161,7 +162,9 @@ def test_a_high_skyline_is_followed_upwards(running: RunningRig, tmp_path: Path)
     assert np.nanmax(rows) < 0.85 * HEIGHT_PX
 
 
-def test_a_direction_beyond_the_pan_is_taken_beside(running: RunningRig, tmp_path: Path) -> None:
+def test_a_direction_beyond_the_pan_is_taken_at_the_nearest_angle(
+    running: RunningRig, tmp_path: Path
+) -> None:
     running.rig.base = Attitude(180.0, 0.0, 0.0)
     bundle = load_bundle(take(running, tmp_path, "N"))
     assert 2.0 <= abs(wrapped_deg(bundle.frames[0].azimuth_deg)) < 3.0
@@ -262,7 +265,7 @@ def skyline_by_brightness(image: np.ndarray) -> Skyline:
 
 
 def test_no_sky_anywhere(running: RunningRig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rig.capture.capture.find_skyline", skyline_by_brightness)
+    monkeypatch.setattr("rig.capture.sequence.find_skyline", skyline_by_brightness)
     running.rig.horizon_deg = lambda azimuth_deg: np.full(azimuth_deg.shape, 90.0)
     with pytest.raises(
         CaptureError, match="no skyline in any of 1 frames: look at the lens, the light and the"
@@ -274,7 +277,7 @@ def test_no_sky_anywhere(running: RunningRig, tmp_path: Path, monkeypatch: pytes
 def test_one_direction_without_sky_is_recorded_as_such(
     running: RunningRig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("rig.capture.capture.find_skyline", skyline_by_brightness)
+    monkeypatch.setattr("rig.capture.sequence.find_skyline", skyline_by_brightness)
     running.rig.horizon_deg = lambda azimuth_deg: np.where(np.abs(azimuth_deg - 90.0) < 120.0, 90.0, 3.0)
     content = json.loads((take(running, tmp_path, "W,E") / "bundle.json").read_text())
     west, east = (frame["raw"]["skyline"] for frame in content["frames"])
@@ -286,5 +289,5 @@ def test_the_head_sweeps_once() -> None:
     head = Head((-178.0, 178.0), (-40.0, 60.0), NOWHERE)
     directions = parse_directions(["N", "E", "S", "W"])
     base = Attitude(20.0, 0.0, 0.0)
-    assert [d.label for d in in_passing(directions, base, head, 150.0)] == ["S", "E", "N", "W"]
-    assert [d.label for d in in_passing(directions, base, head, -150.0)] == ["W", "N", "E", "S"]
+    assert [d.label for d in in_sweep_order(directions, base, head, 150.0)] == ["S", "E", "N", "W"]
+    assert [d.label for d in in_sweep_order(directions, base, head, -150.0)] == ["W", "N", "E", "S"]

@@ -17,7 +17,7 @@ from rig.clock import Instant
 from rig.devices.bus.deadline import Deadline
 from rig.devices.bus.retry import retry
 from rig.devices.bus.serial_port import SerialPort
-from rig.devices.sensors.reviving import Reviving
+from rig.devices.sensors.reconnecting import ReconnectingSensor
 from rig.errors import DeviceError, LostPortError, TransientError, WrongDeviceError
 from rig.fault_notes import collecting, note_fault
 
@@ -32,10 +32,12 @@ class Adapter:
         self.plug_in()
 
     def plug_in(self) -> None:
-        spare = pty.openpty() if self.used else ()  # the system gives the lowest free number again
+        skip_failed_sensors = (
+            pty.openpty() if self.used else ()
+        )  # the system gives the lowest free number again
         self.used = True
         self.ends = pty.openpty()
-        for end in spare:
+        for end in skip_failed_sensors:
             os.close(end)
         tty.setraw(self.ends[1])
         self.link.symlink_to(os.ttyname(self.ends[1]))
@@ -102,9 +104,9 @@ class Chip:
         self.closed += 1
 
 
-def test_a_chip_that_restarted_is_set_up_anew() -> None:
+def test_a_chip_that_reset_is_configured_again() -> None:
     chip = Chip()
-    sensor = Reviving(chip.connect)
+    sensor = ReconnectingSensor(chip.connect)
     assert sensor.read_many(0.0) == [7]
     chip.working = False
     with collecting() as notes:
@@ -119,7 +121,7 @@ def test_a_chip_that_restarted_is_set_up_anew() -> None:
 
 def test_another_chip_in_its_place_is_no_reading() -> None:
     chip = Chip()
-    sensor = Reviving(chip.connect)
+    sensor = ReconnectingSensor(chip.connect)
     chip.working = False
 
     def other() -> Chip:

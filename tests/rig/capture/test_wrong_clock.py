@@ -7,7 +7,7 @@ import pytest
 
 from rig import clock
 from rig.attitude.magnetic_model import date_problem, model_field
-from rig.check import check
+from rig.check import devices
 from rig.config.sections import Place
 
 
@@ -20,7 +20,7 @@ from rig.config.sections import Place
         (datetime(2026, 11, 30, tzinfo=UTC), None),
     ],
 )
-def test_a_clock_that_cannot_be_right_is_told(now: datetime, said: str | None) -> None:
+def test_an_implausible_clock_is_reported(now: datetime, said: str | None) -> None:
     assert clock.problem(now) == said
 
 
@@ -52,7 +52,7 @@ def test_rig_check_has_a_row_for_a_clock_that_is_wrong(
     offset = tmp_path / "offset"
     offset.write_text(str(offset_s))
     monkeypatch.setenv(clock.OFFSET_VARIABLE, str(offset))
-    rows = check.check_clock()
+    rows = devices.check_clock()
     assert len(rows) == (said is not None)
     if said:
         assert said in (rows[0].problem or "")

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from rig import sysfs
-from rig.capture.measure import two_pressures
-from rig.check.check import check_altimeter, check_pan_tilt
+from rig.capture.averaged_readings import two_pressures
 from rig.check.compass import field_check, heading_check
+from rig.check.devices import check_altimeter, check_pan_tilt
 from rig.check.text import as_json
 from rig.config.sections import (
     Mmc5983maSection,
@@ -114,7 +114,7 @@ BAROMETER = SerialAltimeterSection(
 
 def test_two_pressures_in_turns_are_not_averaged(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
-        "rig.check.check.open_altimeter", lambda _section: Barometer(968.5, 1013.2, 968.6, 1013.3)
+        "rig.check.devices.open_altimeter", lambda _section: Barometer(968.5, 1013.2, 968.6, 1013.3)
     )
     with pytest.raises(
         DeviceError, match=r"says 968\.5 and 1013\.2 hPa in turns, .*QNH.; set the instrument"
@@ -124,7 +124,7 @@ def test_two_pressures_in_turns_are_not_averaged(monkeypatch: pytest.MonkeyPatch
 
 def test_a_pressure_that_scatters_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
-        "rig.check.check.open_altimeter", lambda _section: Barometer(968.0, 968.5, 969.0, 968.2, 968.8)
+        "rig.check.devices.open_altimeter", lambda _section: Barometer(968.0, 968.5, 969.0, 968.2, 968.8)
     )
     check = check_altimeter(BAROMETER)
     assert check.problem
@@ -210,7 +210,7 @@ def test_where_nothing_answers_there_is_no_hint(monkeypatch: pytest.MonkeyPatch)
 
 
 @pytest.mark.parametrize(("latency_ms", "told"), [("16", True), ("1", False), ("x", False)])
-def test_an_adapter_that_holds_bytes_back_is_told(
+def test_an_adapter_with_a_long_latency_is_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, latency_ms: str, told: bool
 ) -> None:
     with servos_on_a_port(servo(1, 1_000_000), servo(2, 1_000_000)) as port:

@@ -113,7 +113,7 @@ def test_what_is_said_of_a_dem_needs_one(run: Run) -> None:
     assert "--dem FILE is missing" in one_line(run("capture", "--locate", "--crs", "EPSG:4326"))
 
 
-def test_a_dem_that_does_not_load_is_told_before_anything_moves(
+def test_an_unreadable_dem_is_reported_before_anything_moves(
     run: Run, running: RunningRig, tmp_path: Path
 ) -> None:
     config = written(running, tmp_path)

@@ -50,7 +50,7 @@ def test_the_example_is_valid_and_shows_every_key() -> None:
             assert re.search(rf"^#? ?{key} = |^(# \[)?\[pan_tilt\.{key}\]", text, re.MULTILINE), key
 
 
-def test_bundles_go_beside_the_file(tmp_path: Path) -> None:
+def test_bundles_go_next_to_the_file(tmp_path: Path) -> None:
     assert load_changed(tmp_path).rig.bundle_dir == tmp_path / "bundles"
     elsewhere = load_changed(tmp_path, ('bundle_dir = "bundles"', 'bundle_dir = "/var/lib/skyfix"'))
     assert elsewhere.rig.bundle_dir == Path("/var/lib/skyfix")
@@ -115,7 +115,7 @@ def test_two_talkers_may_share_a_port(tmp_path: Path) -> None:
         (talkers(kind="vaisala-pa50", keys='transducer = "X"'), "are for kind nmea, not for vaisala-pa50"),
     ],
 )
-def test_talkers_that_do_not_fit_are_told(tmp_path: Path, change: tuple[str, str], said: str) -> None:
+def test_unsuitable_talkers_are_reported(tmp_path: Path, change: tuple[str, str], said: str) -> None:
     assert said in problem(tmp_path, change)
 
 

@@ -24,14 +24,14 @@ from hypothesis import strategies as st
 from rig.commands.cli import rig
 from rig.config.load import load_config
 from rig.daemon import control as control_module
-from rig.daemon.control import CLIENT_S, MOST_CLIENTS, ControlError, ControlSocket, ask
+from rig.daemon.control import CLIENT_TIMEOUT_S, MAX_CLIENTS, ControlError, ControlSocket, ask
+from rig.daemon.heartbeat import Heartbeats
 from rig.daemon.main_loop import MainLoop
 from rig.daemon.named_files import check_named_files
 from rig.daemon.notify import Notifier
-from rig.daemon.progress import Loops
-from rig.daemon.session import _obstacle
-from rig.daemon.spool.spool import Spool
-from rig.daemon.state import Board
+from rig.daemon.runtime import _why_not_ready
+from rig.daemon.spool.store import Spool
+from rig.daemon.state import DaemonState
 from rig.daemon.status import status_json, status_text
 from rig.daemon.triggers import Triggers
 from rig.errors import ConfigError
@@ -43,17 +43,17 @@ PATIENCE_S = 30.0
 class Listening:
     """A control socket that is served, and whose loop is watched."""
 
-    def __init__(self, path: Path, obstacle: Callable[[], str | None] = lambda: None) -> None:
-        self.path, self.board, self.loops = path, Board(), Loops()
+    def __init__(self, path: Path, why_not_ready: Callable[[], str | None] = lambda: None) -> None:
+        self.path, self.daemon_state, self.heartbeats = path, DaemonState(), Heartbeats()
         self._stop = threading.Event()
-        triggers = Triggers(self.board, obstacle, lambda source: None)
-        self._listener = ControlSocket(path, self.board, triggers)
+        triggers = Triggers(self.daemon_state, why_not_ready, lambda source: None)
+        self._listener = ControlSocket(path, self.daemon_state, triggers)
         self._thread = threading.Thread(target=self._serve)
         self._thread.start()
 
     def _serve(self) -> None:
-        with self.loops.watched("control", 1.0):
-            self._listener.run(lambda: self.loops.beat("control"), self._stop)
+        with self.heartbeats.watched("control", 1.0):
+            self._listener.run(lambda: self.heartbeats.beat("control"), self._stop)
 
     def end(self) -> None:
         self._stop.set()
@@ -75,7 +75,7 @@ class Listening:
     def lives(self) -> bool:
         begun_s = time.monotonic()
         answers = ask(self.path, "status", PATIENCE_S)["activity"] == "starting"
-        return answers and time.monotonic() - begun_s < CLIENT_S / 2 and not self.loops.stuck()
+        return answers and time.monotonic() - begun_s < CLIENT_TIMEOUT_S / 2 and not self.heartbeats.stuck()
 
 
 @pytest.fixture
@@ -91,10 +91,10 @@ def test_documents_that_are_attacks_are_answered(listening: Listening, attack: s
     assert listening.lives()
 
 
-def test_who_sends_a_byte_now_and_then_holds_up_nobody_and_is_cut_off(
+def test_a_slow_client_delays_no_other_and_is_dropped(
     listening: Listening, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(control_module, "CLIENT_S", 0.6)
+    monkeypatch.setattr(control_module, "CLIENT_TIMEOUT_S", 0.6)
     with socket.socket(socket.AF_UNIX) as slow, pytest.raises(ConnectionError):  # noqa: PT012
         slow.connect(str(listening.path))
         begun_s = time.monotonic()
@@ -105,8 +105,8 @@ def test_who_sends_a_byte_now_and_then_holds_up_nobody_and_is_cut_off(
     assert time.monotonic() - begun_s < 5.0, "the deadline is for all that it sends"
 
 
-def test_many_who_say_nothing_keep_nobody_out(listening: Listening) -> None:
-    silent = [socket.socket(socket.AF_UNIX) for _ in range(3 * MOST_CLIENTS)]
+def test_many_silent_clients_do_not_lock_others_out(listening: Listening) -> None:
+    silent = [socket.socket(socket.AF_UNIX) for _ in range(3 * MAX_CLIENTS)]
     try:
         for each in silent:
             each.settimeout(PATIENCE_S)
@@ -151,17 +151,17 @@ def test_who_comes_with_many_others_comes_again_until_there_is_room(tmp_path: Pa
 def test_who_asks_much_and_reads_nothing_is_cut_off(
     listening: Listening, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(control_module, "CLIENT_S", 0.3)
-    listening.board.set_device("camera", "failing", "x" * 3_000_000)
+    monkeypatch.setattr(control_module, "CLIENT_TIMEOUT_S", 0.3)
+    listening.daemon_state.set_device("camera", "failing", "x" * 3_000_000)
     with socket.socket(socket.AF_UNIX) as deaf:
         deaf.connect(str(listening.path))
         deaf.sendall(b'{"do": "status"}\n')
         time.sleep(0.8)
         assert listening.lives()
-        heard = b""
+        received = b""
         while part := deaf.recv(1 << 20):
-            heard += part
-        assert b"\n" not in heard
+            received += part
+        assert b"\n" not in received
 
 
 @settings(max_examples=80, deadline=None, suppress_health_check=list(HealthCheck))
@@ -188,7 +188,7 @@ def test_a_file_that_is_no_socket_is_not_taken_away(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("answer", [b"[" * 100_000 + b"\n", b"[]\n", b"", b"x" * 9_000_000, b"trickle"])
-def test_whoever_asks_outlives_what_answers(tmp_path: Path, answer: bytes) -> None:
+def test_a_client_survives_the_end_of_the_daemon(tmp_path: Path, answer: bytes) -> None:
     """Another program may listen at that path."""
     ended = threading.Event()
     with socket.socket(socket.AF_UNIX) as liar:
@@ -229,8 +229,8 @@ def not_ready_config(folder: Path) -> Path:
 def test_not_ready_comes_with_the_reason(tmp_path: Path) -> None:
     listening = Listening(tmp_path / "control.sock", lambda: "camera not ready")
     try:
-        listening.board.set_activity("idle")
-        listening.board.set_device("camera", "failing", "/dev/video0: no such device; plug it in")
+        listening.daemon_state.set_activity("idle")
+        listening.daemon_state.set_device("camera", "failing", "/dev/video0: no such device; plug it in")
         assert ask(listening.path, "trigger") == {
             "answer": "not ready",
             "why": "camera: /dev/video0: no such device; plug it in",
@@ -247,50 +247,50 @@ def test_not_ready_comes_with_the_reason(tmp_path: Path) -> None:
 def test_a_capture_that_the_reserve_of_the_disk_forbids_is_not_answered_started(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    board = Board()
-    board.set_activity("idle")
+    daemon_state = DaemonState()
+    daemon_state.set_activity("idle")
     with Spool(tmp_path / "spool", 100) as spool:
-        triggers = Triggers(board, lambda: _obstacle(board, spool), lambda source: None)
+        triggers = Triggers(daemon_state, lambda: _why_not_ready(daemon_state, spool), lambda source: None)
         usage = shutil.disk_usage(tmp_path)
         monkeypatch.setattr(shutil, "disk_usage", lambda path: usage._replace(free=22_000_000))
         assert triggers.trigger("command") == "not ready"
-        why = board.snapshot().storage
+        why = daemon_state.snapshot().storage
         assert why is not None
         assert "22 MB are free on its disk" in why
         assert "full" not in why
         assert str(tmp_path / "spool") in why
-        assert why in status_text(status_json(board.snapshot()))
+        assert why in status_text(status_json(daemon_state.snapshot()))
         monkeypatch.undo()
         assert triggers.trigger("command") == "started"
-        assert board.snapshot().storage is None
+        assert daemon_state.snapshot().storage is None
 
 
-def test_a_quota_of_bundles_that_are_not_located_is_told_before_the_capture_too(tmp_path: Path) -> None:
-    board = Board()
-    board.set_activity("idle")
+def test_a_quota_full_of_waiting_bundles_is_reported_before_the_capture_too(tmp_path: Path) -> None:
+    daemon_state = DaemonState()
+    daemon_state.set_activity("idle")
     with Spool(tmp_path / "spool", 10) as spool:
-        assert _obstacle(board, spool) is None
+        assert _why_not_ready(daemon_state, spool) is None
         folder = write_bundle(spool.bundles_dir, "20261123T043151Z-3f9a")
         (folder / "more").write_bytes(os.urandom(8_000_000))
         spool.reconcile()
-        assert "quota_mb" in (_obstacle(board, spool) or "")
+        assert "quota_mb" in (_why_not_ready(daemon_state, spool) or "")
         assert len(spool.entries(5)) == 1, "asking deletes nothing"
 
 
 # ---- the configuration
 
 
-def a_loop(path: Path) -> tuple[MainLoop, Board, "queue.SimpleQueue[Any]"]:
+def a_loop(path: Path) -> tuple[MainLoop, DaemonState, "queue.SimpleQueue[Any]"]:
     """The daemon's main loop with nothing behind it, which reads its configuration anew from ``path``."""
     config = load_config(EXAMPLE)
     assert config.run
-    board, terrain = Board(), Future[None]()
+    daemon_state, terrain = DaemonState(), Future[None]()
     terrain.set_result(None)
     search = SimpleNamespace(terrain=terrain, pictures=terrain, wake=lambda: None)
-    inbox: queue.SimpleQueue[Any] = queue.SimpleQueue()
-    triggers = Triggers(board, lambda: None, inbox.put)
-    parts: Any = (board, Notifier(None), triggers, SimpleNamespace(), search, None, None, inbox)
-    return MainLoop(config.run, path, *parts), board, inbox
+    requests: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    triggers = Triggers(daemon_state, lambda: None, requests.put)
+    parts: Any = (daemon_state, Notifier(None), triggers, SimpleNamespace(), search, None, None, requests)
+    return MainLoop(config.run, path, *parts), daemon_state, requests
 
 
 @pytest.mark.parametrize("attack", TOML_ATTACKS)
@@ -298,15 +298,15 @@ def test_a_configuration_that_is_an_attack_is_refused_on_sighup_and_the_daemon_g
     tmp_path: Path, attack: str
 ) -> None:
     (tmp_path / "vehicle.toml").write_bytes(TOML_ATTACKS[attack])
-    loop, board, inbox = a_loop(tmp_path / "vehicle.toml")
-    inbox.put("reload")
-    inbox.put(KeyboardInterrupt())
+    loop, daemon_state, requests = a_loop(tmp_path / "vehicle.toml")
+    requests.put("reload")
+    requests.put(KeyboardInterrupt())
     with pytest.raises(KeyboardInterrupt):
         loop.run(lambda: None, lambda: None)
-    assert board.snapshot().counts["configurations refused"] == 1
+    assert daemon_state.snapshot().counts["configurations refused"] == 1
 
 
-def test_a_missing_dem_is_told_with_key_file_and_advice(tmp_path: Path) -> None:
+def test_a_missing_dem_is_reported_with_key_file_and_advice(tmp_path: Path) -> None:
     path = tmp_path / "vehicle.toml"
     path.write_bytes(BOM + EXAMPLE.read_bytes())
     config = load_config(path)

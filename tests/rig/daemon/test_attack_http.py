@@ -17,15 +17,15 @@ from hypothesis import strategies as st
 
 from localizer.track.tracker import Tracker
 from rig.config.run import HttpServer
+from rig.daemon.heartbeat import Heartbeats
 from rig.daemon.http import serving
 from rig.daemon.http.app import make_app
-from rig.daemon.http.intake import MOST_BODY_BYTES
+from rig.daemon.http.event_streams import EventStreams
+from rig.daemon.http.idle_timeout import MAX_WAITING
 from rig.daemon.http.map import ReliefMap
-from rig.daemon.http.patience import MOST_WAITING
-from rig.daemon.http.relay import Relay
-from rig.daemon.progress import Loops
-from rig.daemon.spool.spool import Spool
-from rig.daemon.state import Board
+from rig.daemon.http.request_limits import MAX_BODY_BYTES
+from rig.daemon.spool.store import Spool
+from rig.daemon.state import DaemonState
 
 SANTA_CRUZ = Path(__file__).parents[3] / "sim" / "terrain" / "santa_cruz_srtm_1s.tif"
 TOKEN = "0123456789abcdef0123456789abcdef"
@@ -37,8 +37,10 @@ HEAD = b"POST /capture HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer " + 
 class Server:
     """The real application on a real socket."""
 
-    def __init__(self, url: str, actions: ScriptedActions, board: Board, loops: Loops) -> None:
-        self.url, self.actions, self.board, self.loops = url, actions, board, loops
+    def __init__(
+        self, url: str, actions: ScriptedActions, daemon_state: DaemonState, heartbeats: Heartbeats
+    ) -> None:
+        self.url, self.actions, self.daemon_state, self.heartbeats = url, actions, daemon_state, heartbeats
 
     @contextmanager
     def connected(self) -> Iterator[socket.socket]:
@@ -69,16 +71,16 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
     folder = tmp_path_factory.mktemp("attack")
     (folder / "token").write_text(TOKEN)
     (folder / "token").chmod(0o600)
-    board, loops, actions = Board(), Loops(), ScriptedActions()
+    daemon_state, heartbeats, actions = DaemonState(), Heartbeats(), ScriptedActions()
     with Spool(folder / "spool", 100) as spool:
         answer = answer_of(bundle_id(1))
         write_bundle(spool.bundles_dir, answer.bundle)
         spool.reconcile()
         spool.set_answer(answer, Tracker())
-        board.set_answer(answer)
+        daemon_state.set_answer(answer)
         section = HttpServer(listen="127.0.0.1:0", token_file=folder / "token")
-        with serving(section, board, actions, spool, [SANTA_CRUZ], loops) as url:
-            yield Server(url, actions, board, loops)
+        with serving(section, daemon_state, actions, spool, [SANTA_CRUZ], heartbeats) as url:
+            yield Server(url, actions, daemon_state, heartbeats)
 
 
 def test_a_body_larger_than_any_request_has_is_answered_413_and_not_taken_in(server: Server) -> None:
@@ -91,7 +93,7 @@ def test_a_body_larger_than_any_request_has_is_answered_413_and_not_taken_in(ser
     assert server.answer_to(chunked, *[chunk] * 3).startswith(b"HTTP/1.1 413")
     get = b"GET /status HTTP/1.1\r\nHost: localhost\r\nContent-Length: 70000\r\n\r\n"
     assert server.answer_to(get).startswith(b"HTTP/1.1 413")
-    too_much = httpx.post(f"{server.url}/capture", headers=BEARER, content=bytes(MOST_BODY_BYTES + 1))
+    too_much = httpx.post(f"{server.url}/capture", headers=BEARER, content=bytes(MAX_BODY_BYTES + 1))
     assert too_much.status_code == 413
     assert len(server.actions.asked) == asked
     assert httpx.post(f"{server.url}/capture", headers=BEARER, content=b"{}").status_code == 202
@@ -134,7 +136,7 @@ def test_lies_about_the_body_and_heaps_of_headers_are_refused(server: Server, li
 
 
 def test_a_body_that_does_not_end_is_answered_408(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rig.daemon.http.intake.BODY_WITHIN_S", 0.2)
+    monkeypatch.setattr("rig.daemon.http.request_limits.BODY_TIMEOUT_S", 0.2)
     with server.connected() as client:
         client.sendall(HEAD + b"Content-Length: 10\r\n\r\n")
         begun = time.monotonic()
@@ -145,7 +147,7 @@ def test_a_body_that_does_not_end_is_answered_408(server: Server, monkeypatch: p
 
 def test_connections_that_ask_nothing_do_not_keep_others_out(server: Server) -> None:
     with ExitStack() as held:
-        for _ in range(2 * MOST_WAITING):
+        for _ in range(2 * MAX_WAITING):
             held.enter_context(server.connected()).sendall(b"GET /status HTTP/1.1\r\nX-Slow: ")
         assert httpx.get(f"{server.url}/status", timeout=PATIENCE_S).status_code == 200
 
@@ -180,7 +182,7 @@ def test_after_head_the_connection_goes_on(server: Server) -> None:
             assert client.get("/status").json()["activity"] == "starting"
 
 
-def test_wrong_tokens_are_slowed_down_counted_and_told_without_filling_the_log(
+def test_wrong_tokens_are_delayed_counted_and_logged_at_a_limited_rate(
     server: Server, caplog: pytest.LogCaptureFixture
 ) -> None:
     begun = time.monotonic()
@@ -195,7 +197,7 @@ def test_wrong_tokens_are_slowed_down_counted_and_told_without_filling_the_log(
     assert len(told) == 1
     assert "127.0.0.1" in told[0]
     assert TOKEN not in told[0]
-    assert server.board.snapshot().counts["wrong tokens"] == 5
+    assert server.daemon_state.snapshot().counts["wrong tokens"] == 5
     begun = time.monotonic()
     assert httpx.post(f"{server.url}/capture", headers=BEARER).status_code == 202
     assert time.monotonic() - begun < 1.0, "the right one does not wait for those who guess"
@@ -207,10 +209,10 @@ GUESS = b"POST /capture HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer a-w
 @pytest.mark.parametrize(
     "slow", [GUESS, HEAD + b"Content-Length: 10\r\n\r\n"], ids=["wrong tokens", "bodies that do not end"]
 )
-def test_those_whose_questions_take_long_keep_nobody_out(server: Server, slow: bytes) -> None:
+def test_slow_requests_do_not_lock_others_out(server: Server, slow: bytes) -> None:
     """While they wait, and as many after they have gone: their places are free again."""
     with ExitStack() as stack:
-        for _ in range(MOST_WAITING + 4):
+        for _ in range(MAX_WAITING + 4):
             stack.enter_context(server.connected()).sendall(slow)
             time.sleep(0.01)
         assert server.lives()
@@ -228,10 +230,10 @@ def test_who_reads_a_stream_stays_when_many_come(server: Server) -> None:
     with server.connected() as reader, ExitStack() as stack:
         reader.sendall(b"GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n")
         assert b"200 OK" in reader.recv(4096)
-        for _ in range(2 * MOST_WAITING):
+        for _ in range(2 * MAX_WAITING):
             stack.enter_context(server.connected()).sendall(GUESS)
         assert server.lives()
-        server.board.tell("status", still="there")
+        server.daemon_state.emit("status", still="there")
         heard = b""
         while b"still" not in heard:
             heard += reader.recv(4096)
@@ -245,7 +247,7 @@ def test_healthz_tells_life_and_readiness_apart(server: Server) -> None:
         "version": version("skyfix"),
         "problems": ["still starting"],
     }
-    with server.loops.watched("search", 0.0):
+    with server.heartbeats.watched("search", 0.0):
         time.sleep(0.01)
         answer = httpx.get(f"{server.url}/healthz")
         assert answer.status_code == 503
@@ -260,11 +262,19 @@ def test_the_version_is_the_packages(server: Server) -> None:
 
 
 def test_not_ready_is_answered_with_the_reason(tmp_path: Path) -> None:
-    board, actions = Board(), ScriptedActions("not ready")
-    board.set_activity("idle")
-    board.set_device("camera", "failing", "/dev/video0: no such device; plug it in")
+    daemon_state, actions = DaemonState(), ScriptedActions("not ready")
+    daemon_state.set_activity("idle")
+    daemon_state.set_device("camera", "failing", "/dev/video0: no such device; plug it in")
     with Spool(tmp_path / "spool", 100) as spool:
-        app = make_app(HttpServer(), board, actions, spool, Relay(board), ReliefMap([SANTA_CRUZ]), TOKEN)
+        app = make_app(
+            HttpServer(),
+            daemon_state,
+            actions,
+            spool,
+            EventStreams(daemon_state),
+            ReliefMap([SANTA_CRUZ]),
+            TOKEN,
+        )
         with TestClient(app, base_url="http://localhost") as client:
             answer = client.post("/capture", headers=BEARER)
             assert answer.status_code == 503

@@ -42,7 +42,7 @@ def daemon(rig: SimulatedRig, tmp_path: Path) -> Iterator[Daemon]:
 
 @pytest.mark.long
 @pytest.mark.timeout(0)
-def test_a_drive_with_a_look_at_each_stop(rig: SimulatedRig, daemon: Daemon) -> None:
+def test_a_drive_with_a_capture_at_each_stop(rig: SimulatedRig, daemon: Daemon) -> None:
     daemon.until_ready()
     rng, course_deg = np.random.default_rng(3), 45.0
     answers: list[dict[str, Any]] = []

@@ -16,12 +16,12 @@ from localizer.bundle import Bundle
 from localizer.fix import Fix
 from localizer.track.tracker import Tracker
 from rig.config.run import HttpServer
+from rig.daemon.http.access_control import read_token
 from rig.daemon.http.app import make_app
-from rig.daemon.http.guard import read_token
+from rig.daemon.http.event_streams import MAX_STREAMS, EventStreams, TooManyStreamsError
 from rig.daemon.http.map import ReliefMap
-from rig.daemon.http.relay import MOST_STREAMS, Relay, TooManyStreamsError
-from rig.daemon.spool.spool import Entry, Spool, SpoolError
-from rig.daemon.state import Answer, Board, TriggerAnswer
+from rig.daemon.spool.store import Entry, Spool, SpoolError
+from rig.daemon.state import Answer, DaemonState, TriggerAnswer
 from rig.errors import ConfigError
 
 TOKEN = "0123456789abcdef0123456789abcdef"
@@ -33,9 +33,17 @@ class Published:
     """A daemon's board and spool with the server's application over them."""
 
     def __init__(self, spool: Spool, token: str | None = TOKEN, dem: Path = SANTA_CRUZ) -> None:
-        self.spool, self.board, self.actions = spool, Board(), ScriptedActions()
+        self.spool, self.daemon_state, self.actions = spool, DaemonState(), ScriptedActions()
         section = HttpServer(names=("rover.lan",), valid_s=30.0)
-        app = make_app(section, self.board, self.actions, spool, Relay(self.board), ReliefMap([dem]), token)
+        app = make_app(
+            section,
+            self.daemon_state,
+            self.actions,
+            spool,
+            EventStreams(self.daemon_state),
+            ReliefMap([dem]),
+            token,
+        )
         self.client = TestClient(app, base_url="http://localhost")
 
     def answered(self, answer: Answer) -> None:
@@ -43,7 +51,7 @@ class Published:
         write_bundle(self.spool.bundles_dir, answer.bundle)
         self.spool.reconcile()
         self.spool.set_answer(answer, Tracker())
-        self.board.set_answer(answer)
+        self.daemon_state.set_answer(answer)
 
     def get(self, path: str, **more: Any) -> Any:
         return json_of(self.client.get(path, **more))
@@ -87,10 +95,10 @@ def test_an_old_fix_is_not_current(published: Published) -> None:
 
 
 def test_a_fix_is_not_current_once_the_vehicle_is_seen_to_move(published: Published) -> None:
-    published.board.set_moving()
+    published.daemon_state.set_moving()
     published.answered(answer_of(bundle_id(1), age_s=0.0))
     assert published.get("/fix")["current"] is True
-    published.board.set_moving()
+    published.daemon_state.set_moving()
     answer = published.get("/fix")
     assert answer["current"] is False
     assert answer["moved_on"] is True
@@ -117,9 +125,9 @@ def test_an_answer_to_a_bundle_that_had_to_wait_does_not_hide_a_newer_fix(publis
 
 
 def test_the_state_names_each_device_and_whether_the_rig_is_degraded(published: Published) -> None:
-    published.board.set_device("camera", "ok", "camera 640 x 480")
+    published.daemon_state.set_device("camera", "ok", "camera 640 x 480")
     assert published.get("/status")["degraded"] is False
-    published.board.set_device("compass", "failing", "MMC5983MA on i2c 1: no answer")
+    published.daemon_state.set_device("compass", "failing", "MMC5983MA on i2c 1: no answer")
     state = published.get("/status")
     assert state["degraded"] is True
     assert [(device["name"], device["state"]) for device in state["devices"]] == [
@@ -366,8 +374,8 @@ def test_the_page_is_there_with_all_that_it_names(published: Published) -> None:
 def test_the_metrics_tell_counts_ages_and_devices_and_no_age_where_there_is_no_fix(
     published: Published,
 ) -> None:
-    published.board.set_device("camera", "failing", "gone")
-    published.board.count("captures failed", 3)
+    published.daemon_state.set_device("camera", "failing", "gone")
+    published.daemon_state.count("captures failed", 3)
     text = published.client.get("/metrics").text
     assert 'skyfix_device{device="camera",state="failing"} 1.0' in text
     assert 'skyfix_happened_total{what="captures failed"} 3.0' in text
@@ -385,7 +393,7 @@ def test_the_metrics_tell_counts_ages_and_devices_and_no_age_where_there_is_no_f
     assert float(values['skyfix_search_seconds_sum{part="refine"}']) == pytest.approx(0.4)
 
 
-def test_a_map_that_cannot_be_drawn_is_told_in_one_line(spool: Spool, tmp_path: Path) -> None:
+def test_a_map_that_cannot_be_drawn_is_reported_in_one_line(spool: Spool, tmp_path: Path) -> None:
     published = Published(spool, dem=tmp_path / "gone.tif")
     with published.client:
         response = published.client.get("/map")
@@ -394,7 +402,7 @@ def test_a_map_that_cannot_be_drawn_is_told_in_one_line(spool: Spool, tmp_path: 
     assert "Traceback" not in response.text
 
 
-def test_a_spool_that_cannot_be_read_is_told_in_one_line(
+def test_an_unreadable_spool_is_reported_in_one_line(
     published: Published, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def broken(limit: int, before: int | None = None) -> list[Entry]:
@@ -432,11 +440,11 @@ def test_openapi_knows_every_path_and_what_it_answers(published: Published) -> N
 
 
 def test_no_more_streams_are_served_than_can_be() -> None:
-    relay = Relay(Board())
+    event_streams = EventStreams(DaemonState())
     with ExitStack() as held:
-        for _ in range(MOST_STREAMS):
-            held.enter_context(relay.stream())
-        with pytest.raises(TooManyStreamsError), relay.stream():
+        for _ in range(MAX_STREAMS):
+            held.enter_context(event_streams.stream())
+        with pytest.raises(TooManyStreamsError), event_streams.stream():
             pass
-    with relay.stream():
-        assert relay.streams == 1
+    with event_streams.stream():
+        assert event_streams.streams == 1

@@ -12,8 +12,8 @@ from schemathesis import GenerationMode
 from localizer.track.tracker import Tracker
 from rig.config.run import HttpServer
 from rig.daemon.http import serving
-from rig.daemon.spool.spool import Spool
-from rig.daemon.state import Board
+from rig.daemon.spool.store import Spool
+from rig.daemon.state import DaemonState
 
 SANTA_CRUZ = Path(__file__).parents[3] / "sim" / "terrain" / "santa_cruz_srtm_1s.tif"
 TOKEN = "0123456789abcdef0123456789abcdef"
@@ -26,16 +26,16 @@ def api(tmp_path_factory: pytest.TempPathFactory) -> Iterator[schemathesis.BaseS
     token = folder / "token"
     token.write_text(TOKEN)
     token.chmod(0o600)
-    board = Board()
+    daemon_state = DaemonState()
     with Spool(folder / "spool", 100) as spool:
         for number in (1, 2):
             answer = answer_of(bundle_id(number))
             write_bundle(spool.bundles_dir, answer.bundle)
             spool.reconcile()
             spool.set_answer(answer, Tracker())
-            board.set_answer(answer)
+            daemon_state.set_answer(answer)
         section = HttpServer(listen="127.0.0.1:0", token_file=token)
-        with serving(section, board, ScriptedActions(), spool, [SANTA_CRUZ]) as url:
+        with serving(section, daemon_state, ScriptedActions(), spool, [SANTA_CRUZ]) as url:
             yield schemathesis.openapi.from_url(f"{url}/openapi.json")
 
 

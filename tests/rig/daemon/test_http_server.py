@@ -14,12 +14,12 @@ import pytest
 from fakes.located import ScriptedActions, answer_of, bundle_id
 
 from rig.config.run import HttpServer
+from rig.daemon.heartbeat import Heartbeats
 from rig.daemon.http import serving
-from rig.daemon.http.relay import MOST_STREAMS
+from rig.daemon.http.event_streams import MAX_STREAMS
 from rig.daemon.http.server import HttpError
-from rig.daemon.progress import Loops
-from rig.daemon.spool.spool import Spool
-from rig.daemon.state import Board
+from rig.daemon.spool.store import Spool
+from rig.daemon.state import DaemonState
 
 SANTA_CRUZ = Path(__file__).parents[3] / "sim" / "terrain" / "santa_cruz_srtm_1s.tif"
 WAIT_S = 60.0
@@ -32,8 +32,8 @@ def spool(tmp_path: Path) -> Iterator[Spool]:
 
 
 @contextmanager
-def served(spool: Spool, board: Board, listen: str = "127.0.0.1:0") -> Iterator[str]:
-    with serving(HttpServer(listen=listen), board, ScriptedActions(), spool, [SANTA_CRUZ]) as url:
+def served(spool: Spool, daemon_state: DaemonState, listen: str = "127.0.0.1:0") -> Iterator[str]:
+    with serving(HttpServer(listen=listen), daemon_state, ScriptedActions(), spool, [SANTA_CRUZ]) as url:
         yield url
 
 
@@ -66,11 +66,11 @@ class Listener:
 
 
 def test_events_reach_all_who_listen_in_order_and_streams_end_with_the_server(spool: Spool) -> None:
-    board = Board()
-    with served(spool, board) as url:
+    daemon_state = DaemonState()
+    with served(spool, daemon_state) as url:
         listeners = [Listener(url), Listener(url)]
-        board.set_device("camera", "failing", "no picture")
-        board.set_answer(answer_of(bundle_id(1)))
+        daemon_state.set_device("camera", "failing", "no picture")
+        daemon_state.set_answer(answer_of(bundle_id(1)))
         wait_for(lambda: all(len(listener.events()) == 2 for listener in listeners))
         log = httpx.get(f"{url}/log").json()
     for listener in listeners:
@@ -81,27 +81,27 @@ def test_events_reach_all_who_listen_in_order_and_streams_end_with_the_server(sp
         assert "event: device" in listener.lines
 
 
-def test_who_listens_in_the_middle_of_a_fix_hears_of_it_first(spool: Spool) -> None:
-    board = Board()
-    with served(spool, board) as url:
+def test_a_stream_that_starts_during_a_fix_begins_with_it(spool: Spool) -> None:
+    daemon_state = DaemonState()
+    with served(spool, daemon_state) as url:
         early = Listener(url)
-        board.set_answer(answer_of(bundle_id(1)))
-        board.set_device("camera", "ok", "here")
+        daemon_state.set_answer(answer_of(bundle_id(1)))
+        daemon_state.set_device("camera", "ok", "here")
         wait_for(lambda: len(early.events()) == 2)
         late = Listener(url)
         wait_for(lambda: len(late.events()) == 1)
-        board.set_device("camera", "failing", "gone")
+        daemon_state.set_device("camera", "failing", "gone")
         wait_for(lambda: len(late.events()) == 2)
         assert [event["kind"] for event in late.events()] == ["answer", "device"]
         assert late.events()[0]["data"] == {"bundle": bundle_id(1), "status": "fix", "mode": "whole DEM"}
 
 
-def test_who_was_cut_off_hears_what_was_missed(spool: Spool) -> None:
-    board = Board()
-    with served(spool, board) as url:
+def test_a_reconnected_stream_gets_the_missed_events(spool: Spool) -> None:
+    daemon_state = DaemonState()
+    with served(spool, daemon_state) as url:
         early = Listener(url)
         for number in range(5):
-            board.tell("log", level="info", text=f"line {number}")
+            daemon_state.emit("log", level="info", text=f"line {number}")
         wait_for(lambda: len(early.events()) == 5)
         numbers = [event["number"] for event in early.events()]
         back = Listener(url, {"Last-Event-ID": str(numbers[2])})
@@ -111,11 +111,11 @@ def test_who_was_cut_off_hears_what_was_missed(spool: Spool) -> None:
             assert Listener(url, {"Last-Event-ID": nonsense}).events() == []
 
 
-def test_a_reader_too_many_is_told_to_come_again_and_one_that_leaves_makes_room(spool: Spool) -> None:
-    with served(spool, Board()) as url, ExitStack() as held:
+def test_a_stream_beyond_the_limit_is_refused_until_one_ends(spool: Spool) -> None:
+    with served(spool, DaemonState()) as url, ExitStack() as held:
         address = httpx.URL(url)
         readers = []
-        for _ in range(MOST_STREAMS):
+        for _ in range(MAX_STREAMS):
             reader = held.enter_context(socket.create_connection((address.host, address.port)))
             reader.sendall(b"GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n")
             assert reader.recv(12) == b"HTTP/1.1 200"
@@ -132,15 +132,15 @@ def test_a_reader_too_many_is_told_to_come_again_and_one_that_leaves_makes_room(
         wait_for(room)
 
 
-def test_a_reader_that_takes_nothing_holds_nobody_up(spool: Spool) -> None:
-    board = Board()
-    with served(spool, board) as url:
+def test_a_reader_that_takes_nothing_does_not_delay_others(spool: Spool) -> None:
+    daemon_state = DaemonState()
+    with served(spool, daemon_state) as url:
         address = httpx.URL(url)
         with socket.create_connection((address.host, address.port)) as deaf:
             deaf.sendall(b"GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n")
             listener = Listener(url)
             for number in range(2000):
-                board.tell("log", message="x" * 4000, number=number)
+                daemon_state.emit("log", message="x" * 4000, number=number)
                 if number % 50 == 0:
                     wait_for(lambda number=number: len(listener.events()) > number - 50)  # type: ignore[misc]
             wait_for(lambda: len(listener.events()) == 2000)
@@ -149,14 +149,14 @@ def test_a_reader_that_takes_nothing_holds_nobody_up(spool: Spool) -> None:
 
 def test_signals_stay_the_daemons(spool: Spool) -> None:
     before = signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGINT)
-    with served(spool, Board()) as url:
+    with served(spool, DaemonState()) as url:
         assert httpx.get(f"{url}/status").status_code == 200
         assert (signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGINT)) == before
 
 
 def test_nothing_is_left_once_it_has_ended(spool: Spool) -> None:
     before = {thread.ident for thread in threading.enumerate()}
-    with served(spool, Board()) as url:
+    with served(spool, DaemonState()) as url:
         listener = Listener(url)
         httpx.get(f"{url}/bundles")
     wait_for(lambda: listener.ended)
@@ -166,33 +166,33 @@ def test_nothing_is_left_once_it_has_ended(spool: Spool) -> None:
 
 
 def test_its_loop_proves_that_it_gets_on_while_it_serves(spool: Spool) -> None:
-    loops = Loops()
+    heartbeats = Heartbeats()
     with serving(
-        HttpServer(listen="127.0.0.1:0"), Board(), ScriptedActions(), spool, [SANTA_CRUZ], loops
+        HttpServer(listen="127.0.0.1:0"), DaemonState(), ScriptedActions(), spool, [SANTA_CRUZ], heartbeats
     ) as url:
         assert httpx.get(f"{url}/status").status_code == 200
-        loops.beat("http", within_s=0.0)
-        wait_for(lambda: bool(loops.stuck()))
-        wait_for(lambda: not loops.stuck())
+        heartbeats.beat("http", within_s=0.0)
+        wait_for(lambda: bool(heartbeats.stuck()))
+        wait_for(lambda: not heartbeats.stuck())
     with pytest.raises(KeyError):
-        loops.beat("http")
+        heartbeats.beat("http")
 
 
-def test_an_address_that_is_taken_is_told_in_one_line(spool: Spool) -> None:
+def test_an_address_in_use_is_reported_in_one_line(spool: Spool) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         listen = f"127.0.0.1:{taken.getsockname()[1]}"
-        with pytest.raises(HttpError, match=f"listen {listen}.*in use"), served(spool, Board(), listen):
+        with pytest.raises(HttpError, match=f"listen {listen}.*in use"), served(spool, DaemonState(), listen):
             pass
 
 
 def test_it_listens_on_ipv6_too(spool: Spool) -> None:
-    with served(spool, Board(), "[::1]:0") as url:
+    with served(spool, DaemonState(), "[::1]:0") as url:
         assert url.startswith("http://[::1]:")
         assert httpx.get(f"{url}/status").status_code == 200
 
 
 def test_the_map_shows_the_whole_dem_in_its_metric_crs(spool: Spool) -> None:
-    with served(spool, Board()) as url:
+    with served(spool, DaemonState()) as url:
         sheet = httpx.get(f"{url}/map", timeout=WAIT_S).json()
         picture = httpx.get(url + sheet["image"])
     assert sheet["crs"] == "EPSG:32610"
@@ -205,9 +205,9 @@ def test_the_map_shows_the_whole_dem_in_its_metric_crs(spool: Spool) -> None:
 def test_connections_over_which_nothing_is_asked_are_cut_off_and_streams_are_not(
     spool: Spool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("rig.daemon.http.patience.ASKED_WITHIN_S", 0.3)
-    board = Board()
-    with served(spool, board) as url, ExitStack() as stack:
+    monkeypatch.setattr("rig.daemon.http.idle_timeout.REQUEST_TIMEOUT_S", 0.3)
+    daemon_state = DaemonState()
+    with served(spool, daemon_state) as url, ExitStack() as stack:
         host, port = url.removeprefix("http://").split(":")
         listener = Listener(url)
         for begun in (b"", b"GET /status HT", b"GET /status HTTP/1.1\r\nHost: localhost\r\n"):
@@ -215,7 +215,7 @@ def test_connections_over_which_nothing_is_asked_are_cut_off_and_streams_are_not
             client.sendall(begun)
             assert client.recv(100) == b""
         assert not listener.ended
-        board.set_device("camera", "ok", "here")
+        daemon_state.set_device("camera", "ok", "here")
         wait_for(lambda: len(listener.events()) == 1)
         asked = stack.enter_context(socket.create_connection((host, int(port)), WAIT_S))
         asked.sendall(b"GET /status HTTP/1.1\r\nHost: localhost\r\n\r\n")

@@ -23,7 +23,7 @@ from localizer.track.odometry import Movement
 from localizer.track.tracker import Tracker
 from rig.bundle.writer import FrameRecord, Measurement, write_bundle
 from rig.clock import Instant
-from rig.daemon.spool.spool import Spool
+from rig.daemon.spool.store import Spool
 from rig.daemon.state import Answer
 from sim.commands.options import EMBEDDED_DEM
 

@@ -18,12 +18,12 @@ from pymavlink.dialects.v20 import common
 
 from rig.clock import Instant
 from rig.config.run import MavlinkOutput
-from rig.daemon.progress import Loops
+from rig.daemon.heartbeat import Heartbeats
 from rig.daemon.publish import mavlink
 from rig.daemon.publish.mavlink import publishing
 from rig.daemon.publish.mavlink_messages import external_position_estimate, gps_input
 from rig.daemon.publish.published import published
-from rig.daemon.state import Board
+from rig.daemon.state import DaemonState
 from rig.errors import ConfigError
 
 SOON_S = 30.0
@@ -46,14 +46,14 @@ class Autopilot:
         self.socket.settimeout(SOON_S)
         self.port = self.socket.getsockname()[1]
         self.mav = common.MAVLink(None, srcSystem=1, srcComponent=1)
-        self.heard = []
+        self.autopilot_present = []
 
     def until(self, kind, wanted=lambda message: True):
         deadline_s = time.monotonic() + SOON_S
         while time.monotonic() < deadline_s:
             data, self.companion = self.socket.recvfrom(65536)
             for message in self.mav.parse_buffer(data):
-                self.heard.append(message)
+                self.autopilot_present.append(message)
                 if message.get_type() == kind and wanted(message):
                     return message
         return pytest.fail(f"no such {kind} came")
@@ -69,15 +69,17 @@ class Autopilot:
         )
 
     def count(self, kind, wanted=lambda message: True):
-        return len([message for message in self.heard if message.get_type() == kind and wanted(message)])
+        return len(
+            [message for message in self.autopilot_present if message.get_type() == kind and wanted(message)]
+        )
 
 
 @contextmanager
-def linked(board, **changes):
+def linked(daemon_state, **changes):
     autopilot = Autopilot()
     section = MavlinkOutput(**{"connection": f"udpout:127.0.0.1:{autopilot.port}", **changes})
     try:
-        with publishing(section, board):
+        with publishing(section, daemon_state):
             yield autopilot
     finally:
         autopilot.socket.close()
@@ -90,17 +92,17 @@ def until(condition):
         time.sleep(0.02)
 
 
-def link_of(board):
-    return next(device for device in board.snapshot().devices if device.name == "mavlink")
+def link_of(daemon_state):
+    return next(device for device in daemon_state.snapshot().devices if device.name == "mavlink")
 
 
 def test_a_fix_is_sent_once_with_its_age_and_accuracy():
-    board = Board()
-    with linked(board) as autopilot:
+    daemon_state = DaemonState()
+    with linked(daemon_state) as autopilot:
         beat = autopilot.until("HEARTBEAT")
         assert (beat.get_srcSystem(), beat.get_srcComponent()) == (1, 197)
         assert beat.autopilot == common.MAV_AUTOPILOT_INVALID
-        board.set_answer(an_answer("a", age_s=12.0))
+        daemon_state.set_answer(an_answer("a", age_s=12.0))
         command = autopilot.until("COMMAND_INT")
         assert command.command == 43003
         assert (command.target_system, command.target_component) == (1, 1)
@@ -112,136 +114,136 @@ def test_a_fix_is_sent_once_with_its_age_and_accuracy():
         for _ in range(2):
             autopilot.until("HEARTBEAT")
         assert autopilot.count("COMMAND_INT") == 1
-        board.set_answer(an_answer("b", age_s=5.0))
+        daemon_state.set_answer(an_answer("b", age_s=5.0))
         assert 5.0 <= autopilot.until("COMMAND_INT").param2 <= 12.0
 
 
 def test_only_a_current_fix_is_sent():
-    board = Board()
-    with linked(board, messages=BOTH) as autopilot:
+    daemon_state = DaemonState()
+    with linked(daemon_state, messages=BOTH) as autopilot:
         for answer in (
             an_answer("a", "ambiguous", age_s=10.0),
             an_answer("b", "none", age_s=9.0),
             an_answer("from the spool", age_s=4000.0),
         ):
-            board.set_answer(answer)
+            daemon_state.set_answer(answer)
             autopilot.until("HEARTBEAT")
         autopilot.until("HEARTBEAT")
         assert autopilot.count("COMMAND_INT") == 0
         assert autopilot.count("GPS_INPUT", lambda message: message.fix_type > 1) == 0
-        board.set_answer(an_answer("c", age_s=5.0))
+        daemon_state.set_answer(an_answer("c", age_s=5.0))
         autopilot.until("COMMAND_INT")
         autopilot.until("GPS_INPUT", lambda message: message.fix_type == 3)
-        board.set_answer(an_answer("older, but still current", age_s=20.0))
+        daemon_state.set_answer(an_answer("older, but still current", age_s=20.0))
         for _ in range(2):
             autopilot.until("HEARTBEAT")
         assert autopilot.count("COMMAND_INT") == 1
 
 
 def test_a_fix_of_a_place_that_the_vehicle_has_left_is_withheld_and_the_log_says_so(caplog):
-    board = Board()
-    with linked(board) as autopilot:
+    daemon_state = DaemonState()
+    with linked(daemon_state) as autopilot:
         autopilot.until("HEARTBEAT")
-        board.set_moving()
-        board.set_answer(an_answer(age_s=5.0))
-        until(lambda: board.snapshot().counts.get("mavlink fixes not sent") == 1)
+        daemon_state.set_moving()
+        daemon_state.set_answer(an_answer(age_s=5.0))
+        until(lambda: daemon_state.snapshot().counts.get("mavlink fixes not sent") == 1)
         autopilot.until("HEARTBEAT")
         assert autopilot.count("COMMAND_INT") == 0
     assert "is not sent: the vehicle has moved on" in caplog.text
 
 
 def test_a_fix_of_before_the_link_began_is_not_repeated():
-    board = Board()
-    board.set_answer(an_answer(age_s=5.0))
-    with linked(board) as autopilot:
+    daemon_state = DaemonState()
+    daemon_state.set_answer(an_answer(age_s=5.0))
+    with linked(daemon_state) as autopilot:
         for _ in range(3):
             autopilot.until("HEARTBEAT")
         assert autopilot.count("COMMAND_INT") == 0
 
 
-def test_the_board_tells_whether_the_autopilot_is_heard_and_takes_the_fixes(monkeypatch, caplog):
-    monkeypatch.setattr(mavlink, "HEARD_WITHIN_S", 1.5)
-    board = Board()
-    with linked(board) as autopilot:
+def test_the_state_shows_whether_the_autopilot_is_present_and_accepts_fixes(monkeypatch, caplog):
+    monkeypatch.setattr(mavlink, "HEARTBEAT_TIMEOUT_S", 1.5)
+    daemon_state = DaemonState()
+    with linked(daemon_state) as autopilot:
         autopilot.until("HEARTBEAT")
-        until(lambda: link_of(board).state == "failing")
-        assert "no heartbeat of system 1" in link_of(board).detail
+        until(lambda: link_of(daemon_state).state == "failing")
+        assert "no heartbeat of system 1" in link_of(daemon_state).detail
         autopilot.beat()
-        until(lambda: link_of(board).state == "ok")
-        board.set_answer(an_answer("a", age_s=9.0))
+        until(lambda: link_of(daemon_state).state == "ok")
+        daemon_state.set_answer(an_answer("a", age_s=9.0))
         for number, result in enumerate((common.MAV_RESULT_ACCEPTED, common.MAV_RESULT_FAILED)):
-            board.set_answer(an_answer(f"fix {number}", age_s=8.0 - number))
+            daemon_state.set_answer(an_answer(f"fix {number}", age_s=8.0 - number))
             autopilot.until("COMMAND_INT")
             autopilot.say(common.MAVLink_command_ack_message(43003, result))
-        until(lambda: board.snapshot().counts.get("mavlink fixes refused") == 1)
-        assert board.snapshot().counts["mavlink fixes accepted"] == 1
+        until(lambda: daemon_state.snapshot().counts.get("mavlink fixes refused") == 1)
+        assert daemon_state.snapshot().counts["mavlink fixes accepted"] == 1
         assert "did not take a fix: MAV_RESULT_FAILED" in caplog.text
-        until(lambda: link_of(board).state == "failing")
+        until(lambda: link_of(daemon_state).state == "failing")
 
 
 def test_a_command_that_is_not_answered_is_sent_again_with_its_age_then(monkeypatch, caplog):
-    monkeypatch.setattr(mavlink, "ANSWERED_WITHIN_S", 0.3)
-    monkeypatch.setattr(mavlink, "HEARD_WITHIN_S", SOON_S)
-    board = Board()
-    with linked(board) as autopilot:
+    monkeypatch.setattr(mavlink, "ACK_TIMEOUT_S", 0.3)
+    monkeypatch.setattr(mavlink, "HEARTBEAT_TIMEOUT_S", SOON_S)
+    daemon_state = DaemonState()
+    with linked(daemon_state) as autopilot:
         autopilot.until("HEARTBEAT")
         autopilot.beat()
-        until(lambda: link_of(board).state == "ok")
-        board.set_answer(an_answer("a", age_s=9.0))
+        until(lambda: link_of(daemon_state).state == "ok")
+        daemon_state.set_answer(an_answer("a", age_s=9.0))
         first, second = autopilot.until("COMMAND_INT"), autopilot.until("COMMAND_INT")
         assert (first.x, first.y) == (second.x, second.y)
         assert second.param2 > first.param2 + 0.25
         for _ in range(2):  # one to each
             autopilot.say(common.MAVLink_command_ack_message(43003, common.MAV_RESULT_ACCEPTED))
-        until(lambda: board.snapshot().counts.get("mavlink fixes accepted"))
-        board.set_answer(an_answer("b", age_s=5.0))
-        until(lambda: board.snapshot().counts.get("mavlink fixes unanswered"))
+        until(lambda: daemon_state.snapshot().counts.get("mavlink fixes accepted"))
+        daemon_state.set_answer(an_answer("b", age_s=5.0))
+        until(lambda: daemon_state.snapshot().counts.get("mavlink fixes unanswered"))
         for _ in range(2):
             autopilot.until("HEARTBEAT")
-        assert autopilot.count("COMMAND_INT") <= 2 + 1 + mavlink.MOST_TIMES
-        counts = board.snapshot().counts
+        assert autopilot.count("COMMAND_INT") <= 2 + 1 + mavlink.MAX_SENDS
+        counts = daemon_state.snapshot().counts
         assert (counts["mavlink fixes sent"], counts["mavlink fixes accepted"]) == (2, 1)
     assert "does not answer the fix of b" in caplog.text
 
 
 def test_a_link_that_breaks_is_opened_again_and_a_current_fix_still_sent(monkeypatch):
-    monkeypatch.setattr(mavlink, "LEAST_RETRY_S", 0.05)
-    board = Board()
+    monkeypatch.setattr(mavlink, "MIN_RETRY_S", 0.05)
+    daemon_state = DaemonState()
     autopilot = Autopilot()
-    with publishing(MavlinkOutput(connection=f"udpout:127.0.0.1:{autopilot.port}"), board):
+    with publishing(MavlinkOutput(connection=f"udpout:127.0.0.1:{autopilot.port}"), daemon_state):
         autopilot.until("HEARTBEAT")
         autopilot.beat()
-        until(lambda: link_of(board).state == "ok")
+        until(lambda: link_of(daemon_state).state == "ok")
         autopilot.socket.close()
-        until(lambda: "Connection refused" in link_of(board).detail)
-        assert link_of(board).state == "failing"
-        board.set_answer(an_answer(age_s=2.0))
+        until(lambda: "Connection refused" in link_of(daemon_state).detail)
+        assert link_of(daemon_state).state == "failing"
+        daemon_state.set_answer(an_answer(age_s=2.0))
         back = Autopilot(autopilot.port)
         assert back.until("COMMAND_INT").x == 461990000
         back.socket.close()
 
 
 def test_tcp_and_an_autopilot_that_hangs_up(monkeypatch):
-    monkeypatch.setattr(mavlink, "LEAST_RETRY_S", 0.05)
-    board = Board()
+    monkeypatch.setattr(mavlink, "MIN_RETRY_S", 0.05)
+    daemon_state = DaemonState()
     with socket.create_server(("127.0.0.1", 0)) as server:
         server.settimeout(SOON_S)
-        with publishing(MavlinkOutput(connection=f"tcp:127.0.0.1:{server.getsockname()[1]}"), board):
+        with publishing(MavlinkOutput(connection=f"tcp:127.0.0.1:{server.getsockname()[1]}"), daemon_state):
             for _ in range(2):
                 peer, _ = server.accept()
                 assert common.MAVLink(None).parse_buffer(peer.recv(65536))[0].get_type() == "HEARTBEAT"
                 peer.close()
-                until(lambda: "closed the connection" in link_of(board).detail)
+                until(lambda: "closed the connection" in link_of(daemon_state).detail)
 
 
-def test_who_speaks_to_udpin_is_answered():
+def test_a_sender_to_udpin_is_answered():
     with socket.socket(type=socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     autopilot = Autopilot()
     autopilot.companion = ("127.0.0.1", port)
-    with publishing(MavlinkOutput(connection=f"udpin:127.0.0.1:{port}"), board := Board()):
-        until(lambda: autopilot.beat() or link_of(board).state == "ok")
+    with publishing(MavlinkOutput(connection=f"udpin:127.0.0.1:{port}"), daemon_state := DaemonState()):
+        until(lambda: autopilot.beat() or link_of(daemon_state).state == "ok")
         autopilot.until("HEARTBEAT")
     autopilot.socket.close()
 
@@ -257,11 +259,11 @@ def test_an_autopilot_that_comes_in_the_middle_of_a_fix_still_gets_it(messages):
     with socket.socket(type=socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    board = Board()
+    daemon_state = DaemonState()
     section = MavlinkOutput(connection=f"udpin:127.0.0.1:{port}", messages=messages)
-    with publishing(section, board):
-        board.set_answer(an_answer(age_s=2.0))
-        until(lambda: board.snapshot().counts.get("mavlink fixes sent") == 1)
+    with publishing(section, daemon_state):
+        daemon_state.set_answer(an_answer(age_s=2.0))
+        until(lambda: daemon_state.snapshot().counts.get("mavlink fixes sent") == 1)
         autopilot = Autopilot()
         autopilot.companion = ("127.0.0.1", port)
         autopilot.beat()
@@ -271,60 +273,60 @@ def test_an_autopilot_that_comes_in_the_middle_of_a_fix_still_gets_it(messages):
             autopilot.beat()
         if kind == "GPS_INPUT":
             assert autopilot.count(kind, is_fix) == 1
-        assert board.snapshot().counts["mavlink fixes sent"] == 1
+        assert daemon_state.snapshot().counts["mavlink fixes sent"] == 1
     autopilot.socket.close()
 
 
 def test_an_autopilot_that_was_restarted_gets_the_current_fix_again(monkeypatch):
-    monkeypatch.setattr(mavlink, "HEARD_WITHIN_S", 1.5)
-    board = Board()
-    with linked(board, messages=("GPS_INPUT",)) as autopilot:
+    monkeypatch.setattr(mavlink, "HEARTBEAT_TIMEOUT_S", 1.5)
+    daemon_state = DaemonState()
+    with linked(daemon_state, messages=("GPS_INPUT",)) as autopilot:
         autopilot.until("HEARTBEAT")
         autopilot.beat()
-        until(lambda: link_of(board).state == "ok")
-        board.set_answer(an_answer(age_s=2.0))
+        until(lambda: link_of(daemon_state).state == "ok")
+        daemon_state.set_answer(an_answer(age_s=2.0))
         autopilot.until("GPS_INPUT", lambda message: message.fix_type == 3)
-        until(lambda: link_of(board).state == "failing")
+        until(lambda: link_of(daemon_state).state == "failing")
         assert autopilot.count("GPS_INPUT", lambda message: message.fix_type == 3) == 1
         autopilot.beat()
         autopilot.until("GPS_INPUT", lambda message: message.fix_type == 3)
 
 
-def test_a_serial_port_that_is_unplugged_is_a_fault_on_the_board(monkeypatch):
-    monkeypatch.setattr(mavlink, "LEAST_RETRY_S", 0.05)
+def test_an_unplugged_serial_port_is_a_fault_in_the_state(monkeypatch):
+    monkeypatch.setattr(mavlink, "MIN_RETRY_S", 0.05)
     controller, port = pty.openpty()
     tty.setraw(controller)
     tty.setraw(port)
-    board = Board()
-    with publishing(MavlinkOutput(connection=os.ttyname(port)), board):
-        heard = common.MAVLink(None).parse_buffer(os.read(controller, 65536))
-        assert heard[0].get_type() == "HEARTBEAT"
+    daemon_state = DaemonState()
+    with publishing(MavlinkOutput(connection=os.ttyname(port)), daemon_state):
+        autopilot_present = common.MAVLink(None).parse_buffer(os.read(controller, 65536))
+        assert autopilot_present[0].get_type() == "HEARTBEAT"
         os.close(port)
         os.close(controller)
-        until(lambda: link_of(board).state == "failing")
-    assert "serial port" in link_of(board).detail
+        until(lambda: link_of(daemon_state).state == "failing")
+    assert "serial port" in link_of(daemon_state).detail
 
 
 def test_noise_on_the_link_is_no_matter():
-    board = Board()
-    with linked(board) as autopilot:
+    daemon_state = DaemonState()
+    with linked(daemon_state) as autopilot:
         autopilot.until("HEARTBEAT")
         for noise in (b"", b"\xfd" * 300, bytes(range(256)) * 4, b"\xfe\x09\x00\x01\x01\x00" + bytes(20)):
             autopilot.socket.sendto(noise, autopilot.companion)
-        until(lambda: autopilot.beat() or link_of(board).state == "ok")
+        until(lambda: autopilot.beat() or link_of(daemon_state).state == "ok")
 
 
 def test_an_autopilot_that_streams_is_kept_up_with():
-    board = Board()
-    with linked(board) as autopilot:
+    daemon_state = DaemonState()
+    with linked(daemon_state) as autopilot:
         autopilot.until("HEARTBEAT")
         for _ in range(100):  # datagrams of which one in each round would take 20 s
             autopilot.say(common.MAVLink_attitude_message(0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
-        board.set_answer(an_answer(age_s=5.0))
+        daemon_state.set_answer(an_answer(age_s=5.0))
         autopilot.until("COMMAND_INT")
         autopilot.say(common.MAVLink_command_ack_message(43003, common.MAV_RESULT_ACCEPTED))
         began_s = time.monotonic()
-        until(lambda: board.snapshot().counts.get("mavlink fixes accepted") == 1)
+        until(lambda: daemon_state.snapshot().counts.get("mavlink fixes accepted") == 1)
         assert time.monotonic() - began_s < 15.0
 
 
@@ -347,7 +349,7 @@ def test_a_missing_pymavlink_is_one_clear_line(monkeypatch):
     with pytest.raises(
         ConfigError, match=r"\[run.mavlink\] needs pymavlink: pip install 'skyfix\[mavlink\]'"
     ):
-        publishing(MavlinkOutput(connection="udpout:127.0.0.1:1"), Board()).__enter__()
+        publishing(MavlinkOutput(connection="udpout:127.0.0.1:1"), DaemonState()).__enter__()
 
 
 @pytest.mark.parametrize(
@@ -355,15 +357,15 @@ def test_a_missing_pymavlink_is_one_clear_line(monkeypatch):
 )
 def test_a_connection_of_no_kind_is_refused(connection):
     with pytest.raises(ConfigError, match=r"\[run.mavlink\] connection: .* is none of udpout:HOST:PORT"):
-        publishing(MavlinkOutput(connection=connection), Board()).__enter__()
+        publishing(MavlinkOutput(connection=connection), DaemonState()).__enter__()
 
 
 def test_the_loop_gives_proof_of_its_work(monkeypatch):
-    loops, board = Loops(), Board()
-    with publishing(MavlinkOutput(connection="udpout:127.0.0.1:1"), board, loops):
-        until(lambda: link_of(board).state == "failing")
-        assert loops.stuck() == ()
-    assert loops.stuck() == ()
+    heartbeats, daemon_state = Heartbeats(), DaemonState()
+    with publishing(MavlinkOutput(connection="udpout:127.0.0.1:1"), daemon_state, heartbeats):
+        until(lambda: link_of(daemon_state).state == "failing")
+        assert heartbeats.stuck() == ()
+    assert heartbeats.stuck() == ()
 
 
 FIX = published(

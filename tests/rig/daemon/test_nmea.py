@@ -12,10 +12,10 @@ from fakes.answers import an_answer
 from pynmeagps import NMEAReader
 
 from rig.config.run import NmeaOutput
-from rig.daemon.progress import Loops
+from rig.daemon.heartbeat import Heartbeats
 from rig.daemon.publish import tcp_broadcast
 from rig.daemon.publish.nmea import publishing
-from rig.daemon.state import Board
+from rig.daemon.state import DaemonState
 from rig.errors import ConfigError
 
 SOON_S = 30.0
@@ -47,16 +47,16 @@ class Client:
 
 
 @contextmanager
-def served(board=None, **changes):
-    board = board or Board()
-    with publishing(section(**changes), board) as publisher, ExitStack() as clients:
+def served(daemon_state=None, **changes):
+    daemon_state = daemon_state or DaemonState()
+    with publishing(section(**changes), daemon_state) as publisher, ExitStack() as clients:
 
         def client():
             new = Client(publisher.tcp)
             clients.callback(new.close)
             return new
 
-        yield board, client, publisher
+        yield daemon_state, client, publisher
 
 
 def a_fix(message):
@@ -67,12 +67,12 @@ def no_fix(message):
     return message.quality == 0
 
 
-def test_every_client_hears_the_fix_and_then_that_it_is_over():
-    with served(valid_s=12.0) as (board, client, _):
+def test_every_client_gets_the_fix_and_then_its_expiry():
+    with served(valid_s=12.0) as (daemon_state, client, _):
         clients = [client() for _ in range(5)]
         for each in clients:
             each.until("GGA", no_fix)
-        board.set_answer(an_answer(age_s=8.0, took_s=8.0))
+        daemon_state.set_answer(an_answer(age_s=8.0, took_s=8.0))
         clients.append(client())
         for each in clients:
             assert each.until("GGA", a_fix).lat == pytest.approx(46.199, abs=1e-6)
@@ -82,26 +82,26 @@ def test_every_client_hears_the_fix_and_then_that_it_is_over():
 
 
 def test_an_ambiguous_answer_ends_the_fix_at_once():
-    with served(valid_s=1000.0) as (board, client, _):
+    with served(valid_s=1000.0) as (daemon_state, client, _):
         each = client()
-        board.set_answer(an_answer("a", age_s=20.0))
+        daemon_state.set_answer(an_answer("a", age_s=20.0))
         each.until("GGA", a_fix)
-        board.set_answer(an_answer("b", "ambiguous", age_s=10.0))
+        daemon_state.set_answer(an_answer("b", "ambiguous", age_s=10.0))
         each.until("GGA", no_fix)
 
 
 def test_a_vehicle_that_moves_on_ends_the_fix_at_once():
-    with served(valid_s=1000.0) as (board, client, _):
+    with served(valid_s=1000.0) as (daemon_state, client, _):
         each = client()
-        board.set_answer(an_answer(age_s=20.0))
+        daemon_state.set_answer(an_answer(age_s=20.0))
         each.until("GGA", a_fix)
-        board.set_moving()
+        daemon_state.set_moving()
         each.until("GGA", no_fix)
 
 
-def test_a_client_that_never_reads_holds_nobody_up_and_is_let_go(monkeypatch, caplog):
+def test_a_client_that_never_reads_delays_no_other_and_is_dropped(monkeypatch, caplog):
     monkeypatch.setattr(tcp_broadcast, "WAITING_BYTES", 2_000)
-    with publishing(section(tcp="127.0.0.1:0"), Board()) as publisher, socket.socket() as deaf:
+    with publishing(section(tcp="127.0.0.1:0"), DaemonState()) as publisher, socket.socket() as deaf:
         deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1024)  # so that little can hide on the way
         deaf.connect(publisher.tcp)
         reader = Client(publisher.tcp)
@@ -134,7 +134,7 @@ def test_what_a_client_says_is_ignored():
 
 
 def test_more_clients_than_there_is_room_for_are_turned_away(monkeypatch):
-    monkeypatch.setattr(tcp_broadcast, "MOST_CLIENTS", 2)
+    monkeypatch.setattr(tcp_broadcast, "MAX_CLIENTS", 2)
     with served() as (_, client, _):
         first, second = client(), client()
         first.until("GGA")
@@ -155,8 +155,8 @@ def test_datagrams_go_to_each_address_an_epoch_in_each():
             sock.bind(("127.0.0.1", 0))
             sock.settimeout(SOON_S)
         addresses = tuple(f"127.0.0.1:{sock.getsockname()[1]}" for sock in (one, other))
-        board = Board()
-        with publishing(section(tcp=None, udp=addresses), board) as publisher:
+        daemon_state = DaemonState()
+        with publishing(section(tcp=None, udp=addresses), daemon_state) as publisher:
             assert publisher.tcp is None
             for sock in (one, other):
                 lines = sock.recv(65536).splitlines(keepends=True)
@@ -166,7 +166,7 @@ def test_datagrams_go_to_each_address_an_epoch_in_each():
                     "GGA",
                 ]
             other.recv(65536)  # the first one's success is told after it was sent
-            told = {device.name: device.state for device in board.snapshot().devices}
+            told = {device.name: device.state for device in daemon_state.snapshot().devices}
             assert told == {f"nmea to {address}": "ok" for address in addresses}
 
 
@@ -193,14 +193,14 @@ def test_a_name_that_is_not_known_yet_is_looked_up_aside(monkeypatch):
             assert plotter.recv(65536).startswith(b"$GPZDA")
 
 
-def test_a_datagram_that_cannot_be_sent_is_said_on_the_board_and_tried_again():
+def test_an_unsent_datagram_is_a_fault_in_the_state_and_sent_again():
     address = "127.0.0.1:9"
-    board = Board()
-    with publishing(section(tcp=None, udp=("[::1]:9", address)), board):
+    daemon_state = DaemonState()
+    with publishing(section(tcp=None, udp=("[::1]:9", address)), daemon_state):
         deadline_s = time.monotonic() + SOON_S
-        while len(board.snapshot().devices) < 2 and time.monotonic() < deadline_s:
+        while len(daemon_state.snapshot().devices) < 2 and time.monotonic() < deadline_s:
             time.sleep(0.01)
-    told = {device.name: device.state for device in board.snapshot().devices}
+    told = {device.name: device.state for device in daemon_state.snapshot().devices}
     assert told[f"nmea to {address}"] == "ok"
     assert told["nmea to [::1]:9"] in ("ok", "failing")  # a machine may have no IPv6
 
@@ -211,27 +211,30 @@ def test_an_address_that_is_taken_is_a_fault_of_the_configuration():
         with pytest.raises(
             ConfigError, match=rf"\[run.nmea\] tcp: cannot listen on {address}: Address already in use"
         ):
-            publishing(section(tcp=address), Board()).__enter__()
+            publishing(section(tcp=address), DaemonState()).__enter__()
 
 
 def test_a_fix_that_comes_too_late_is_counted_and_said(caplog):
-    with served(valid_s=5.0) as (board, client, _):
+    with served(valid_s=5.0) as (daemon_state, client, _):
         each = client()
         each.until("GGA", no_fix)
-        board.set_answer(an_answer(age_s=8.0, took_s=8.0))
+        daemon_state.set_answer(an_answer(age_s=8.0, took_s=8.0))
         deadline_s = time.monotonic() + SOON_S
-        while not board.snapshot().counts.get("nmea fixes never current") and time.monotonic() < deadline_s:
+        while (
+            not daemon_state.snapshot().counts.get("nmea fixes never current")
+            and time.monotonic() < deadline_s
+        ):
             assert each.until("GGA").quality == 0
-        assert board.snapshot().counts["nmea fixes never current"] == 1
+        assert daemon_state.snapshot().counts["nmea fixes never current"] == 1
     assert "the fix of 20261126T235958Z-3f9a is not published: captured 8 s ago" in caplog.text
 
 
 def test_the_loop_gives_proof_of_its_work_and_ends_with_the_context():
-    loops, before = Loops(), threading.active_count()
-    with publishing(section(), Board(), loops) as publisher:
+    heartbeats, before = Heartbeats(), threading.active_count()
+    with publishing(section(), DaemonState(), heartbeats) as publisher:
         Client(publisher.tcp).until("GGA")
-        assert loops.stuck() == ()
-        with pytest.raises(ValueError, match="two loops are called 'nmea'"), loops.watched("nmea", 1.0):
+        assert heartbeats.stuck() == ()
+        with pytest.raises(ValueError, match="two loops are called 'nmea'"), heartbeats.watched("nmea", 1.0):
             pass
     assert threading.active_count() == before
     with pytest.raises(OSError, match="refused"):
@@ -239,10 +242,10 @@ def test_the_loop_gives_proof_of_its_work_and_ends_with_the_context():
 
 
 def test_a_date_of_a_clock_that_cannot_be_right_is_not_passed_on():
-    with served(valid_s=1000.0) as (board, client, _):
+    with served(valid_s=1000.0) as (daemon_state, client, _):
         each = client()
         each.until("ZDA")
-        board.set_answer(an_answer(utc=datetime(1970, 1, 1, 0, 1, tzinfo=UTC)))
+        daemon_state.set_answer(an_answer(utc=datetime(1970, 1, 1, 0, 1, tzinfo=UTC)))
         each.until("RMC", lambda message: message.status == "A" and message.date == "")
         kinds = [each.lines.readline()[3:6] for _ in range(14)]
         assert kinds.count(b"RMC") == 2

@@ -12,7 +12,7 @@ from rig.config.run import NmeaOutput
 from rig.daemon.publish.nmea import publishing
 from rig.daemon.publish.nmea_sentences import epoch_for_anybody
 from rig.daemon.publish.published import published
-from rig.daemon.state import Board
+from rig.daemon.state import DaemonState
 
 SOON_S = 30.0
 ALL = NmeaOutput().sentences
@@ -33,18 +33,18 @@ def first_epochs(address, count):
         return qualities
 
 
-def test_who_connects_during_a_fix_first_hears_an_epoch_without_one_and_at_once_the_fix():
-    board = Board()
-    board.set_answer(an_answer(age_s=10.0))
-    with publishing(section(every_s=0.5), board) as publisher:
+def test_a_client_that_connects_during_a_fix_gets_an_empty_epoch_then_the_fix():
+    daemon_state = DaemonState()
+    daemon_state.set_answer(an_answer(age_s=10.0))
+    with publishing(section(every_s=0.5), daemon_state) as publisher:
         assert first_epochs(publisher.tcp, 4) == [0, 6, 6, 6]
         assert first_epochs(publisher.tcp, 3) == [0, 6, 6]  # and again after a restart
 
 
 def test_who_has_been_there_before_is_not_disturbed_by_who_comes():
-    board = Board()
-    with publishing(section(), board) as publisher, closing(Qgis(publisher.tcp)) as stays:
-        board.set_answer(an_answer(age_s=10.0))
+    daemon_state = DaemonState()
+    with publishing(section(), daemon_state) as publisher, closing(Qgis(publisher.tcp)) as stays:
+        daemon_state.set_answer(an_answer(age_s=10.0))
         stays.until(lambda shown: shown.valid)
         for _ in range(3):
             first_epochs(publisher.tcp, 2)
@@ -53,7 +53,7 @@ def test_who_has_been_there_before_is_not_disturbed_by_who_comes():
 
 def test_without_a_fix_nothing_is_said_twice():
     with (
-        publishing(section(every_s=0.3), Board()) as publisher,
+        publishing(section(every_s=0.3), DaemonState()) as publisher,
         socket.create_connection(publisher.tcp, SOON_S) as client,
         client.makefile("rb") as lines,
     ):
@@ -63,19 +63,19 @@ def test_without_a_fix_nothing_is_said_twice():
 
 @pytest.mark.parametrize("begins", ["before", "during", "after", "again"])
 def test_qgis_shows_the_fix_steadily_and_nothing_without_one(begins):
-    board = Board()
-    with publishing(section(), board) as publisher:
+    daemon_state = DaemonState()
+    with publishing(section(), daemon_state) as publisher:
         if begins == "before":
             qgis = Qgis(publisher.tcp)
             qgis.until(lambda shown: not shown.valid)
-            board.set_answer(an_answer(age_s=10.0))
+            daemon_state.set_answer(an_answer(age_s=10.0))
         else:
-            board.set_answer(an_answer(age_s=10.0))
+            daemon_state.set_answer(an_answer(age_s=10.0))
             if begins == "again":
                 with closing(Qgis(publisher.tcp)) as earlier:
                     earlier.until(lambda shown: shown.valid)
             if begins == "after":
-                board.set_moving()
+                daemon_state.set_moving()
             qgis = Qgis(publisher.tcp)
         with closing(qgis):
             if begins == "after":
@@ -84,7 +84,7 @@ def test_qgis_shows_the_fix_steadily_and_nothing_without_one(begins):
             at = qgis.until(lambda shown: shown.valid)
             assert (at.lat_deg, at.lon_deg) == pytest.approx((46.199, -122.192), abs=2e-7)
             assert {(shown.valid, shown.lat_deg) for shown in qgis.more(6)} == {(True, at.lat_deg)}
-            board.set_moving()
+            daemon_state.set_moving()
             qgis.until(lambda shown: not shown.valid)
             assert not any(shown.valid for shown in qgis.more(4))
 

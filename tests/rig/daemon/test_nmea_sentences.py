@@ -31,7 +31,7 @@ def fields_of(fix, kind, utc=NOW, quality=6):
     return line[1:].rpartition("*")[0].split(",")[1:]
 
 
-def test_a_fix_is_told_by_all_of_them():
+def test_a_fix_is_in_all_sentences():
     told = parsed(FIX)
     assert list(told) == ["ZDA", "RMC", "GGA", "GBS", "GST", "HDT", "GLL"]
     for kind in ("RMC", "GGA", "GLL"):

@@ -10,11 +10,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from fakes.manager import SOON_S, Manager
+from fakes.service_manager import SOON_S, Manager
 
 from rig.clock import Instant
+from rig.daemon.heartbeat import Heartbeats, watchdog
 from rig.daemon.notify import Notifier, notifier_of
-from rig.daemon.progress import Loops, watchdog
 from rig.daemon.state import Event, Subscription
 from rig.errors import RigError
 
@@ -57,9 +57,7 @@ def test_without_a_manager_nothing_happens() -> None:
         notifier.progress()
 
 
-def test_a_manager_that_has_gone_is_told_once_in_the_log(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_missing_manager_is_logged_once(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     notifier = Notifier(str(tmp_path / "absent"))
     notifier.progress()
     notifier.progress()
@@ -113,19 +111,19 @@ def test_variables_that_make_no_sense(variables: dict[str, str], said: str) -> N
 
 
 def test_the_watchdog_is_kicked_while_every_loop_gets_on(manager: Manager) -> None:
-    loops = Loops()
-    with loops.watched("capture", 600.0), loops.watched("search", 600.0):
+    heartbeats = Heartbeats()
+    with heartbeats.watched("capture", 600.0), heartbeats.watched("search", 600.0):
         begun = time.monotonic()
-        with watchdog(loops, Notifier(manager.address, watchdog_s=0.3)):
+        with watchdog(heartbeats, Notifier(manager.address, watchdog_s=0.3)):
             assert [manager.heard() for _ in range(4)] == ["WATCHDOG=1"] * 4
         assert time.monotonic() - begun >= 0.3
 
 
-def loop_that_waits(loops: Loops, wait: Subscription, done: threading.Event) -> None:
+def loop_that_waits(heartbeats: Heartbeats, wait: Subscription, done: threading.Event) -> None:
     """A loop that does not get on until there is an event."""
-    with loops.watched("capture", 0.05):
+    with heartbeats.watched("capture", 0.05):
         wait.get(SOON_S)
-        loops.beat("capture", within_s=SOON_S)
+        heartbeats.beat("capture", within_s=SOON_S)
         done.wait(SOON_S)
 
 
@@ -146,15 +144,15 @@ def test_a_loop_that_hangs_is_named_and_the_watchdog_left_alone(
     manager: Manager, caplog: pytest.LogCaptureFixture, in_thread: Callable[..., None]
 ) -> None:
     caplog.set_level(logging.WARNING)
-    loops, notifier = Loops(), Notifier(manager.address, watchdog_s=0.15)
+    heartbeats, notifier = Heartbeats(), Notifier(manager.address, watchdog_s=0.15)
     wait, done = Subscription(), threading.Event()
     notifier.ready("fix 46.2 N")
-    with loops.watched("publish", 600.0):
-        in_thread(loop_that_waits, loops, wait, done)
-        while not loops.stuck():
+    with heartbeats.watched("publish", 600.0):
+        in_thread(loop_that_waits, heartbeats, wait, done)
+        while not heartbeats.stuck():
             time.sleep(0.01)
         manager.read_all()
-        with watchdog(loops, notifier):
+        with watchdog(heartbeats, notifier):
             heard = [manager.heard() for _ in range(3)]
             wait.put(Event(1, "log", Instant.now(), {}))
             manager.hears("STATUS=fix 46.2 N")
@@ -170,49 +168,49 @@ def test_a_loop_that_hangs_is_named_and_the_watchdog_left_alone(
 
 
 def test_a_step_may_take_longer_than_the_loop() -> None:
-    loops = Loops()
-    with loops.watched("capture", 0.01):
-        loops.beat("capture", within_s=600.0)
+    heartbeats = Heartbeats()
+    with heartbeats.watched("capture", 0.01):
+        heartbeats.beat("capture", within_s=600.0)
         time.sleep(0.02)
-        assert not loops.stuck()
-        loops.beat("capture")
+        assert not heartbeats.stuck()
+        heartbeats.beat("capture")
         time.sleep(0.02)
-        assert [each.name for each in loops.stuck()] == ["capture"]
+        assert [each.name for each in heartbeats.stuck()] == ["capture"]
 
 
 def test_a_loop_that_ends_in_order_is_not_missed() -> None:
-    loops = Loops()
-    with loops.watched("capture", 0.001):
+    heartbeats = Heartbeats()
+    with heartbeats.watched("capture", 0.001):
         pass
     time.sleep(0.005)
-    assert not loops.stuck()
+    assert not heartbeats.stuck()
 
 
-def test_a_loop_that_an_error_ended_is_missed_until_it_is_begun_anew() -> None:
-    loops = Loops()
-    with pytest.raises(ZeroDivisionError), loops.watched("search", 600.0):
+def test_a_loop_ended_by_an_error_is_stalled_until_restarted() -> None:
+    heartbeats = Heartbeats()
+    with pytest.raises(ZeroDivisionError), heartbeats.watched("search", 600.0):
         _ = 1 // 0
-    assert [str(each) for each in loops.stuck()] == [
+    assert [str(each) for each in heartbeats.stuck()] == [
         "search ended by ZeroDivisionError: integer division or modulo by zero"
     ]
-    with loops.watched("search", 600.0):
-        assert not loops.stuck()
+    with heartbeats.watched("search", 600.0):
+        assert not heartbeats.stuck()
 
 
 def test_two_loops_of_one_name() -> None:
-    loops = Loops()
+    heartbeats = Heartbeats()
     with (
-        loops.watched("search", 600.0),
+        heartbeats.watched("search", 600.0),
         pytest.raises(ValueError, match="two loops are called 'search'"),
-        loops.watched("search", 600.0),
+        heartbeats.watched("search", 600.0),
     ):
         pass
-    assert not loops.stuck()
+    assert not heartbeats.stuck()
 
 
 def test_after_stopping_the_watchdog_is_not_kicked(manager: Manager) -> None:
-    loops, notifier = Loops(), Notifier(manager.address, watchdog_s=0.06)
-    with watchdog(loops, notifier):
+    heartbeats, notifier = Heartbeats(), Notifier(manager.address, watchdog_s=0.06)
+    with watchdog(heartbeats, notifier):
         manager.hears("WATCHDOG=1")
         notifier.stopping("")
         manager.hears("STOPPING=1\nSTATUS=")

@@ -16,8 +16,8 @@ from rig.config.run import OdometryInput
 from rig.daemon.boot import boot_id
 from rig.daemon.captures import Captures
 from rig.daemon.odometry.receiver import Odometer, OdometryListener, Velocity, velocity_in
-from rig.daemon.spool.spool import SpoolError
-from rig.daemon.state import Board
+from rig.daemon.spool.store import SpoolError
+from rig.daemon.state import DaemonState
 from rig.devices.sensors.nmea import checksum, parse_sentence
 from rig.errors import MessageError, RigError
 
@@ -123,7 +123,7 @@ class TestWay:
         assert sigmas_m == pytest.approx(100.0 / math.sqrt(2.0), rel=0.02)
         odometer.begin(end_s + 10.0)
         odometer.velocity(Velocity(0.0, 0.0), end_s + 10.1)
-        odometer.take_back()
+        odometer.undo_capture()
         whole = odometer.movement(end_s + 10.1)
         assert whole is not None
         assert np.sqrt(np.diag(whole.covariance_m2)).min() > 0.99 * 100.5 / math.sqrt(2.0)
@@ -147,7 +147,7 @@ class TestWay:
         since = odometer.movement(end_s)
         assert since is not None
         assert since.step_m[0] == pytest.approx(30.0)
-        odometer.take_back()
+        odometer.undo_capture()
         whole = odometer.movement(end_s)
         assert whole is not None
         assert whole.step_m[0] == pytest.approx(130.0)
@@ -221,8 +221,8 @@ class TestWay:
         odometer = captured_at(0.0)
         odometer.leg(A_LEG, 1.0)
         odometer.begin(2.0)
-        odometer.lose()
-        odometer.take_back()
+        odometer.mark_unknown()
+        odometer.undo_capture()
         assert odometer.movement(3.0) is None
 
     def test_only_the_capture_that_goes_on_can_be_taken_back(self) -> None:
@@ -230,7 +230,7 @@ class TestWay:
         odometer.leg(A_LEG, 1.0)
         odometer.begin(2.0)
         odometer.keep()
-        odometer.take_back()
+        odometer.undo_capture()
         odometer.leg(A_LEG, 3.0)
         leg = odometer.movement(3.0)
         assert leg is not None
@@ -266,7 +266,7 @@ def test_datagrams_of_several_lines_are_heard_and_nonsense_is_passed_over() -> N
         listener.close()
 
 
-def test_a_vehicle_that_moves_is_told_and_one_that_stands_is_not() -> None:
+def test_motion_is_reported_and_standstill_is_not() -> None:
     moving: list[None] = []
     stop, odometer = threading.Event(), captured_at(time.monotonic())
     listener = OdometryListener(SECTION, odometer, lambda: moving.append(None))
@@ -301,19 +301,19 @@ def test_a_capture_that_the_spool_refuses_takes_nothing_off_the_way() -> None:
             raise SpoolError("index.sqlite: disk I/O error; look at the disk")
 
     now_s = time.monotonic()
-    odometer, spool, board = captured_at(now_s - 20.0), FullDisk(), Board()
-    signals = SimpleNamespace(shielded=nullcontext)
-    captures = Captures(None, board, spool, signals, None, None, odometer)  # type: ignore[arg-type]
+    odometer, spool, daemon_state = captured_at(now_s - 20.0), FullDisk(), DaemonState()
+    signals = SimpleNamespace(deferring_stop=nullcontext)
+    captures = Captures(None, daemon_state, spool, signals, None, None, odometer)  # type: ignore[arg-type]
     driven(odometer, 90.0, 10.0, now_s - 20.0, 20.0)
     for spool.refuses_room in (False, True, False):
         assert captures.take("rest", lambda: None) is None
-    assert board.snapshot().counts["captures refused"] == 3
+    assert daemon_state.snapshot().counts["captures refused"] == 3
     way = odometer.movement(now_s)
     assert way is not None
     assert way.step_m[0] == pytest.approx(200.0)
 
 
-def test_a_talker_without_a_course_is_told_of_once() -> None:
+def test_a_talker_without_a_course_is_logged_once() -> None:
     listener = OdometryListener(SECTION, captured_at(0.0))
     moving, turning = sentence("IIVTG,,T,,M,10.0,N,18.52,K,A"), sentence("IIVTG,90.0,T,,M,10.0,N,18.52,K,A")
     standing = sentence("IIVTG,,T,,M,0.0,N,0.0,K,A")

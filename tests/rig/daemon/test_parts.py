@@ -16,19 +16,19 @@ from click.testing import CliRunner
 from fakes import located
 
 from rig.commands.cli import rig
-from rig.config.run import control_in_bad
+from rig.config.run import control_socket_of_invalid_config
 from rig.daemon.control import ControlError, ControlSocket, ask
 from rig.daemon.log import logging_to
-from rig.daemon.state import Board
+from rig.daemon.signals import Signals, StopRequestedError
+from rig.daemon.state import DaemonState
 from rig.daemon.status import status_json, status_text
-from rig.daemon.stopping import Signals, StopRequestedError
 from rig.daemon.triggers import Triggers
 from rig.errors import ConfigError
 
 
 class TestLog:
     def lines(self, capfd: pytest.CaptureFixture[str], environment: dict[str, str]) -> list[str]:
-        with logging_to(Board(), environment):
+        with logging_to(DaemonState(), environment):
             structlog.get_logger("rig.daemon.x").info("capture done", bundle="2026-a", seconds=1.5)
             structlog.get_logger("rig.daemon.x").error("search failed", reason='two\nlines and "quotes"')
             logging.getLogger("rig.other").warning("a sentence of %s", "another module")
@@ -47,9 +47,9 @@ class TestLog:
         assert [line[:3] for line in lines] == ["<6>", "<3>", "<4>"]
         assert lines[0] == "<6>capture done bundle=2026-a seconds=1.5"
 
-    def test_the_boards_subscribers_hear_it(self) -> None:
-        board = Board()
-        with board.subscribed() as events, logging_to(board, {}):
+    def test_subscribers_of_the_state_get_it(self) -> None:
+        daemon_state = DaemonState()
+        with daemon_state.subscribed() as events, logging_to(daemon_state, {}):
             structlog.get_logger("rig.daemon.x").warning("device fails", device="camera")
             event = events.get(1.0)
         assert event is not None
@@ -60,29 +60,29 @@ class TestLog:
 
 
 class TestStatus:
-    def text(self, board: Board) -> list[str]:
-        return status_text(status_json(board.snapshot())).splitlines()
+    def text(self, daemon_state: DaemonState) -> list[str]:
+        return status_text(status_json(daemon_state.snapshot())).splitlines()
 
     def test_what_has_not_been_tried_yet_has_not_failed(self) -> None:
-        board = Board()
-        board.set_device("camera", "connecting", "")
-        board.set_activity("connecting")
-        assert self.text(board)[:3] == [
+        daemon_state = DaemonState()
+        daemon_state.set_device("camera", "connecting", "")
+        daemon_state.set_activity("connecting")
+        assert self.text(daemon_state)[:3] == [
             "connecting, nothing to locate",
             "camera        connecting",
             "last answer   none since the start",
         ]
-        board.set_activity("idle")
-        board.set_device("camera", "failing", "gone")
-        assert self.text(board)[0] == "idle, degraded, nothing to locate"
+        daemon_state.set_activity("idle")
+        daemon_state.set_device("camera", "failing", "gone")
+        assert self.text(daemon_state)[0] == "idle, degraded, nothing to locate"
 
     def test_a_fix_has_its_uncertainty_and_stays_behind_an_answer_that_is_none(self) -> None:
-        board = Board()
-        board.set_answer(located.answer_of("a", age_s=100.0))
-        board.set_answer(located.answer_of("b", "ambiguous", age_s=50.0))
-        board.set_locating("c")
-        board.set_waiting(2)
-        first, last, fix, *counts = self.text(board)
+        daemon_state = DaemonState()
+        daemon_state.set_answer(located.answer_of("a", age_s=100.0))
+        daemon_state.set_answer(located.answer_of("b", "ambiguous", age_s=50.0))
+        daemon_state.set_locating("c")
+        daemon_state.set_waiting(2)
+        first, last, fix, *counts = self.text(daemon_state)
         assert first == "starting, locating c, 2 to locate"
         assert last == "last answer   ambiguous, 3 places, 50 s old; b"
         assert fix == "last fix      fix 37.220000, -122.170000, sigma 5.8 m, 100 s old; a"
@@ -94,7 +94,7 @@ class TestSignals:
     @pytest.fixture(autouse=True)
     def _lives_on(self, monkeypatch: pytest.MonkeyPatch) -> None:
         """A process that was told to stop ends itself after some seconds; this one has other tests to do."""
-        monkeypatch.setattr("rig.daemon.stopping.ENDED_WITHIN_S", 3600.0)
+        monkeypatch.setattr("rig.daemon.signals.KILL_AFTER_S", 3600.0)
 
     def test_a_stop_interrupts_once(self) -> None:
         with Signals() as signals:
@@ -107,22 +107,22 @@ class TestSignals:
         done = []
         with Signals() as signals:
             with pytest.raises(StopRequestedError):  # noqa: PT012, SIM117
-                with signals.shielded():
+                with signals.deferring_stop():
                     signal.raise_signal(signal.SIGINT)
                     done.append("ended")
             assert done == ["ended"]
 
-    def test_wishes_are_kept_in_order(self) -> None:
+    def test_requests_are_kept_in_order(self) -> None:
         with Signals() as signals:
             for number in (signal.SIGUSR1, signal.SIGHUP, signal.SIGUSR1):
                 signal.raise_signal(number)
-        assert [signals.wishes.get_nowait() for _ in range(3)] == ["trigger", "reload", "trigger"]
+        assert [signals.requests.get_nowait() for _ in range(3)] == ["trigger", "reload", "trigger"]
 
 
 @pytest.fixture
 def control(tmp_path: Path) -> Iterator[Path]:
-    path, board, stop = tmp_path / "control.sock", Board(), threading.Event()
-    listener = ControlSocket(path, board, Triggers(board, lambda: None, lambda source: None))
+    path, daemon_state, stop = tmp_path / "control.sock", DaemonState(), threading.Event()
+    listener = ControlSocket(path, daemon_state, Triggers(daemon_state, lambda: None, lambda source: None))
     thread = threading.Thread(target=listener.run, args=(lambda: None, stop))
     thread.start()
     yield path
@@ -176,7 +176,7 @@ class TestControl:
             '[run.spool]\ndir = "there"\nquota_mb = "much"\n': "there/control.sock",
         }.items():
             config.write_text(text)
-            assert control_in_bad(config) == tmp_path / control
+            assert control_socket_of_invalid_config(config) == tmp_path / control
         for text in (
             "[pan_tlit]\n",
             "not = [TOML",
@@ -185,7 +185,7 @@ class TestControl:
             "[run]\nspool = 5\n",
         ):
             config.write_text(text)
-            assert control_in_bad(config) is None
+            assert control_socket_of_invalid_config(config) is None
 
     def test_where_no_daemon_answers_the_configuration_is_what_is_wrong(self, tmp_path: Path) -> None:
         config = tmp_path / "vehicle.toml"
@@ -195,14 +195,18 @@ class TestControl:
         assert isinstance(told.exception, ConfigError)
         assert told.stderr == ""
 
-    def test_a_path_that_is_too_long_is_told(self, tmp_path: Path) -> None:
-        board = Board()
+    def test_a_path_that_is_too_long_is_reported(self, tmp_path: Path) -> None:
+        daemon_state = DaemonState()
         with pytest.raises(ControlError, match="too long for a socket"):
-            ControlSocket(tmp_path / ("x" * 120), board, Triggers(board, lambda: None, lambda source: None))
+            ControlSocket(
+                tmp_path / ("x" * 120),
+                daemon_state,
+                Triggers(daemon_state, lambda: None, lambda source: None),
+            )
 
     def test_the_socket_of_a_daemon_that_was_killed_is_replaced(self, tmp_path: Path) -> None:
-        path, board = tmp_path / "control.sock", Board()
+        path, daemon_state = tmp_path / "control.sock", DaemonState()
         with socket.socket(socket.AF_UNIX) as left:
             left.bind(str(path))
-        ControlSocket(path, board, Triggers(board, lambda: None, lambda source: None)).close()
+        ControlSocket(path, daemon_state, Triggers(daemon_state, lambda: None, lambda source: None)).close()
         assert not path.exists()

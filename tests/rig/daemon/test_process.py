@@ -15,7 +15,7 @@ from fakes.simulated import Quick, quick_rig, world
 from localizer.bundle import load_bundle
 from rig.config.load import load_config
 from rig.daemon.control import ControlError, ask
-from rig.daemon.spool.spool import ODOMETER
+from rig.daemon.spool.store import ODOMETER
 from sim.commands.options import EMBEDDED_DEM
 
 ENDS_WITHIN_S = 10.0

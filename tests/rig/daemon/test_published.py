@@ -12,18 +12,18 @@ from pyproj import CRS, Geod, Transformer
 
 from localizer.fix import Position
 from rig.clock import Instant
-from rig.daemon.publish.published import current_fix, lapsed, published, true_covariance_m2
-from rig.daemon.state import Board
+from rig.daemon.publish.published import current_fix, expiry_reason, published, true_covariance_m2
+from rig.daemon.state import DaemonState
 
 VALID_S = 30.0
 
 
 def of(*answers, **changes):
-    board = Board()
+    daemon_state = DaemonState()
     for answer in answers:
-        board.set_answer(answer)
+        daemon_state.set_answer(answer)
     now = Instant.now()
-    return current_fix(board.snapshot(), dataclasses.replace(now, **changes), VALID_S)
+    return current_fix(daemon_state.snapshot(), dataclasses.replace(now, **changes), VALID_S)
 
 
 def test_before_the_first_answer_there_is_no_fix():
@@ -64,16 +64,19 @@ def test_a_capture_of_the_future_is_of_another_clock_and_not_current():
 
 
 def test_a_vehicle_that_has_moved_since_is_not_there_any_more():
-    board = Board()
-    board.set_moving()
-    board.set_answer(an_answer("b", age_s=-0.001))
+    daemon_state = DaemonState()
+    daemon_state.set_moving()
+    daemon_state.set_answer(an_answer("b", age_s=-0.001))
     at = Instant(time.monotonic() + 5.0, Instant.now().utc)
-    assert current_fix(board.snapshot(), at, VALID_S).bundle == "b"
-    board.set_answer(an_answer("c", age_s=-0.002))
+    assert current_fix(daemon_state.snapshot(), at, VALID_S).bundle == "b"
+    daemon_state.set_answer(an_answer("c", age_s=-0.002))
     time.sleep(0.01)
-    board.set_moving()
-    assert current_fix(board.snapshot(), at, VALID_S) is None
-    assert lapsed(board.snapshot().last, board.snapshot(), at, VALID_S) == "the vehicle has moved on"
+    daemon_state.set_moving()
+    assert current_fix(daemon_state.snapshot(), at, VALID_S) is None
+    assert (
+        expiry_reason(daemon_state.snapshot().last, daemon_state.snapshot(), at, VALID_S)
+        == "the vehicle has moved on"
+    )
 
 
 def place(crs, lat_deg, lon_deg):

@@ -19,15 +19,15 @@ from rig.clock import Instant
 from rig.config.run import HttpServer
 from rig.daemon.boot import asleep_s, boot_id
 from rig.daemon.http.app import make_app
+from rig.daemon.http.event_streams import EventStreams
 from rig.daemon.http.map import ReliefMap
-from rig.daemon.http.relay import Relay
-from rig.daemon.publish.published import current_fix, lapsed, newest
-from rig.daemon.search.loop import answer_of as found_answer
-from rig.daemon.search.loop import restore
-from rig.daemon.search.process import Found, Standing
+from rig.daemon.publish.published import current_fix, expiry_reason, newest_answer
+from rig.daemon.search.answers import answer_of as found_answer
+from rig.daemon.search.answers import restore
+from rig.daemon.search.process import CaptureInfo, SearchResult
 from rig.daemon.spool.index import Entry
-from rig.daemon.spool.spool import Spool
-from rig.daemon.state import Board
+from rig.daemon.spool.store import Spool
+from rig.daemon.state import DaemonState
 
 VALID_S = 1000.0
 
@@ -53,28 +53,28 @@ def stored(
     return answer.bundle
 
 
-def restarted(spool: Spool) -> Board:
-    board = Board()
-    restore(board, spool)
-    return board
+def restarted(spool: Spool) -> DaemonState:
+    daemon_state = DaemonState()
+    restore(daemon_state, spool)
+    return daemon_state
 
 
-def client_of(board: Board, spool: Spool) -> TestClient:
+def client_of(daemon_state: DaemonState, spool: Spool) -> TestClient:
     section = HttpServer(listen="127.0.0.1:0", valid_s=VALID_S)
-    app = make_app(section, board, None, spool, Relay(board), ReliefMap([]), None)  # type: ignore[arg-type]
+    app = make_app(section, daemon_state, None, spool, EventStreams(daemon_state), ReliefMap([]), None)  # type: ignore[arg-type]
     return TestClient(app, base_url="http://localhost")
 
 
 @pytest.mark.parametrize("boot", [None, "another boot"])
 def test_the_last_fix_is_known_again_with_its_age_and_is_not_current(spool: Spool, boot: str | None) -> None:
     bundle = stored(spool, 1, age_s=120.0, boot=boot)
-    board = restarted(spool)
-    snapshot, now = board.snapshot(), Instant.now()
+    daemon_state = restarted(spool)
+    snapshot, now = daemon_state.snapshot(), Instant.now()
     assert snapshot.last is not None
     assert snapshot.last.bundle == bundle
     assert now.monotonic_s - snapshot.last.captured.monotonic_s == pytest.approx(120.0, abs=5.0)
     assert current_fix(snapshot, now, VALID_S) is None
-    assert "before the restart" in str(lapsed(snapshot.last, snapshot, now, VALID_S))
+    assert "before the restart" in str(expiry_reason(snapshot.last, snapshot, now, VALID_S))
 
 
 def test_over_http_it_is_there_at_once_and_says_what_it_is(spool: Spool) -> None:
@@ -104,28 +104,28 @@ def test_an_empty_spool_has_nothing_to_tell(spool: Spool) -> None:
 
 def test_what_has_been_answered_since_is_not_overwritten(spool: Spool) -> None:
     stored(spool, 1, age_s=300.0)
-    board = Board()
-    board.set_answer(answer_of("of this run", age_s=1.0))
-    restore(board, spool)
-    last = newest(board.snapshot())
+    daemon_state = DaemonState()
+    daemon_state.set_answer(answer_of("of this run", age_s=1.0))
+    restore(daemon_state, spool)
+    last = newest_answer(daemon_state.snapshot())
     assert last is not None
     assert last.bundle == "of this run"
 
 
 def test_an_answer_of_this_run_takes_its_place(spool: Spool) -> None:
     stored(spool, 1, age_s=30.0)
-    board = restarted(spool)
-    board.set_answer(answer_of("of this run", age_s=1.0))
-    fix = current_fix(board.snapshot(), Instant.now(), VALID_S)
+    daemon_state = restarted(spool)
+    daemon_state.set_answer(answer_of("of this run", age_s=1.0))
+    fix = current_fix(daemon_state.snapshot(), Instant.now(), VALID_S)
     assert fix is not None
     assert fix.bundle == "of this run"
 
 
-def found(captured: Instant) -> Found:
+def found(captured: Instant) -> SearchResult:
     fix = Fix.model_validate({**NO_FIX, "bundle": "a"})
     line = TrackLine.model_validate({**TRACK, "bundle": "a", "fix": fix})
-    standing = Standing(captured.utc.isoformat(), captured.monotonic_s, None, (0.0,))
-    return Found(line, Tracker(), None, None, standing)
+    capture_info = CaptureInfo(captured.utc.isoformat(), captured.monotonic_s, None, (0.0,))
+    return SearchResult(line, Tracker(), None, None, capture_info)
 
 
 def entry(boot: str | None) -> Entry:
@@ -156,7 +156,7 @@ def test_a_clock_that_says_the_capture_is_yet_to_come_does_not_make_it_young() -
     assert Instant.now().monotonic_s - answer.captured.monotonic_s >= 3600.0
 
 
-def test_an_index_made_anew_takes_the_time_from_the_bundle_itself(tmp_path: Path) -> None:
+def test_a_rebuilt_index_takes_the_time_from_the_bundle(tmp_path: Path) -> None:
     folder = tmp_path / "spool"
     with Spool(folder, 100) as spool:
         write_bundle(spool.bundles_dir, bundle_id(1))
@@ -181,15 +181,15 @@ def test_a_fix_of_before_the_computer_slept_is_not_current(
     spool: Spool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The monotonic clock stands still in suspend: by it the fix is seconds old for ever."""
-    board = Board()
-    board.set_answer(answer_of("a", age_s=5.0))
-    assert current_fix(board.snapshot(), Instant.now(), VALID_S) is not None
+    daemon_state = DaemonState()
+    daemon_state.set_answer(answer_of("a", age_s=5.0))
+    assert current_fix(daemon_state.snapshot(), Instant.now(), VALID_S) is not None
     slept_s = asleep_s() + 7200.0
     monkeypatch.setattr("rig.daemon.state.asleep_s", lambda: slept_s)
-    assert current_fix(board.snapshot(), Instant.now(), VALID_S) is None
-    board.set_answer(answer_of("b", age_s=0.0))
-    assert current_fix(board.snapshot(), Instant.now(), VALID_S) is not None
-    assert board.snapshot().counts["times asleep"] == 1
+    assert current_fix(daemon_state.snapshot(), Instant.now(), VALID_S) is None
+    daemon_state.set_answer(answer_of("b", age_s=0.0))
+    assert current_fix(daemon_state.snapshot(), Instant.now(), VALID_S) is not None
+    assert daemon_state.snapshot().counts["times asleep"] == 1
 
 
 def test_ages_are_put_right_once_the_clock_is(spool: Spool, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -198,16 +198,16 @@ def test_ages_are_put_right_once_the_clock_is(spool: Spool, monkeypatch: pytest.
     monkeypatch.setattr(clock, "_session", clock._session)  # for monkeypatch to put back
     monkeypatch.setattr(clock, "wall_clock", lambda: datetime(1970, 1, 1, 0, 1, tzinfo=UTC))
     clock.begin_session()
-    board = restarted(spool)
+    daemon_state = restarted(spool)
     monkeypatch.setattr(clock, "wall_clock", lambda: datetime.now(UTC))
     clock.begin_session()
-    restore(board, spool)
-    last = board.snapshot().last
+    restore(daemon_state, spool)
+    last = daemon_state.snapshot().last
     assert last is not None
     assert Instant.now().monotonic_s - last.captured.monotonic_s == pytest.approx(300.0, abs=5.0)
 
 
-def test_an_answer_that_this_version_cannot_read_is_no_obstacle(spool: Spool) -> None:
+def test_an_answer_of_another_version_is_skipped(spool: Spool) -> None:
     stored(spool, 1, age_s=300.0)
     with spool._transaction() as db:
         db.execute("""UPDATE bundles SET answer = '{"fix": {"status": "fix"}}'""")
@@ -216,7 +216,7 @@ def test_an_answer_that_this_version_cannot_read_is_no_obstacle(spool: Spool) ->
 
 
 @pytest.mark.parametrize("crs", ["nonsense", "EPSG:999999", "PROJCS[" * 3000, '{"type":' * 3000])
-def test_an_answer_on_a_map_that_is_not_known_here_is_told_without_the_map(spool: Spool, crs: str) -> None:
+def test_an_answer_in_an_unknown_crs_is_shown_without_the_map(spool: Spool, crs: str) -> None:
     """Another version of PROJ may have known it, or somebody has edited the index."""
     bundle = stored(spool, 1)
     with spool._transaction() as db:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from fakes.manager import SOON_S, Manager
+from fakes.service_manager import SOON_S, Manager
 
 from sim.commands.options import EMBEDDED_DEM
 
@@ -55,15 +55,15 @@ dem = ["{EMBEDDED_DEM}"]
 HANGING = """
 import pathlib, time
 from rig.commands import cli
-from rig.daemon import device_watch, session
+from rig.daemon import device_monitor, runtime
 
-def probe(self, name, device, probe=device_watch.DeviceWatch._probe):
+def probe(self, name, device, probe=device_monitor.DeviceMonitor._probe):
     while pathlib.Path("hang").exists():
         time.sleep(0.01)
     probe(self, name, device)
 
-device_watch.DeviceWatch._probe = probe
-session.SLOW_BEAT_S = 2.0
+device_monitor.DeviceMonitor._probe = probe
+runtime.SLOW_BEAT_S = 2.0
 cli.main()
 """
 
@@ -98,7 +98,7 @@ def daemon(tmp_path: Path, manager: Manager) -> Iterator[subprocess.Popen[str]]:
     print((tmp_path / "log").read_text())  # shown where the test fails
 
 
-def test_what_the_service_manager_hears(
+def test_the_messages_to_the_service_manager(
     tmp_path: Path, manager: Manager, daemon: subprocess.Popen[str]
 ) -> None:
     ready = manager.hears(r"READY=1\nSTATUS=.*")

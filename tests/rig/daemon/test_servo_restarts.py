@@ -10,9 +10,10 @@ from fakes.daemon import add_keys
 from fakes.simulated import quick_rig, world
 
 from rig.config.load import load_config
-from rig.daemon.device_watch import DeviceWatch, Hardware
+from rig.daemon.device_locks import DeviceLocks
+from rig.daemon.device_monitor import DeviceMonitor
 from rig.daemon.servo_restarts import ServoRestarts, restart_servos
-from rig.daemon.state import Board
+from rig.daemon.state import DaemonState
 from rig.errors import DeviceError
 from sim.commands.cli import EMBEDDED_DEM
 from sim.devices.servo import ENCODER_ERROR, OVERLOAD_ERROR
@@ -39,11 +40,11 @@ def test_a_servo_that_shut_down_for_an_overload_comes_back_without_torque_and_th
 def test_the_daemon_is_ready_again_after_an_overload(tmp_path: Path) -> None:
     with quick_rig(world(), tmp_path, dem_paths=[EMBEDDED_DEM]) as quick:
         add_keys(quick.rig.config_path, "run", retry_least_s=0.1, retry_most_s=0.2, check_every_s=0.2)
-        config, board, stop = load_config(quick.rig.config_path), Board(), threading.Event()
+        config, daemon_state, stop = load_config(quick.rig.config_path), DaemonState(), threading.Event()
         restarts = ServoRestarts(lambda: restart_servos(config.pan_tilt), (0.5,))
-        watch = DeviceWatch(config, board, Hardware(), restarts=restarts)
+        watch = DeviceMonitor(config, daemon_state, DeviceLocks(), restarts=restarts)
         thread = threading.Thread(target=watch.run, args=(lambda: None, stop))
-        with board.subscribed() as events:
+        with daemon_state.subscribed() as events:
             quick.rig.pan.fail(OVERLOAD_ERROR)
             thread.start()
             said: list[Mapping[str, Any]] = []
@@ -56,7 +57,7 @@ def test_the_daemon_is_ready_again_after_an_overload(tmp_path: Path) -> None:
             thread.join()
         assert [each["state"] for each in said] == ["failing", "ok"]
         assert said[0]["detail"].endswith("overload")
-        assert board.snapshot().counts["servo restarts"] == 1
+        assert daemon_state.snapshot().counts["servo restarts"] == 1
 
 
 def test_a_broken_encoder_is_not_restarted(tmp_path: Path) -> None:
@@ -77,7 +78,7 @@ def restarts_within(restarts: ServoRestarts, clock: list[float], seconds: int) -
     """How often they are restarted while the error is there at each look, once a second."""
     count = 0
     for _ in range(seconds):
-        count += len(restarts.hindered())
+        count += len(restarts.hardware_error_seen())
         clock[0] += 1.0
     return count
 
@@ -91,14 +92,14 @@ def test_restarts_grow_rarer_and_end_until_a_capture_has_worked(clock: list[floa
     assert restarts_within(restarts, clock, 365) == 1
     assert restarts.exhausted
     assert restarts_within(restarts, clock, 100_000) == 0
-    restarts.worked()
+    restarts.capture_succeeded()
     assert restarts_within(restarts, clock, 12) == 1
 
 
-def test_an_error_that_passes_by_itself_is_waited_for_anew(clock: list[float]) -> None:
+def test_a_transient_error_restarts_the_wait(clock: list[float]) -> None:
     restarts = ServoRestarts(lambda: ["tilt servo: overheated"], (10.0,))
     assert restarts_within(restarts, clock, 9) == 0
-    restarts.fine()
+    restarts.healthy()
     assert restarts_within(restarts, clock, 10) == 0
     assert restarts_within(restarts, clock, 2) == 1
 

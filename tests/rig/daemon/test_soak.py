@@ -20,7 +20,7 @@ from sim.faults.script import Fault, parse_faults
 
 FAULT_EVERY_S = 12.0
 FIRST_CAPTURES = 10
-MOST_GROWTH = 0.05
+MAX_GROWTH = 0.05
 SPARED = ("disk", "clock")
 """The clock's and the disk's faults act on the command that the simulator starts, which this daemon is not."""
 FOR_GOOD = ("overheating", "voltage-low", "blocked")
@@ -131,7 +131,7 @@ def test_soak(request: pytest.FixtureRequest, daemon: Daemon) -> None:
     assert len(after) > FIRST_CAPTURES, "too few captures to tell: raise --soak-minutes"
     early_mb = float(np.median([mb for mb, _, _ in after[:FIRST_CAPTURES]]))
     late_mb = float(np.median([mb for mb, _, _ in after[-FIRST_CAPTURES:]]))
-    assert late_mb < (1.0 + MOST_GROWTH) * early_mb
+    assert late_mb < (1.0 + MAX_GROWTH) * early_mb
     for which in (1, 2):
         early = max(sample[which] for sample in after[:FIRST_CAPTURES])
         assert min(sample[which] for sample in after[-FIRST_CAPTURES:]) <= early, (

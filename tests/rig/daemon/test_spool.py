@@ -15,7 +15,7 @@ from localizer.track.tracker import Tracker
 from rig.clock import Instant
 from rig.config.run import OdometryInput
 from rig.daemon.odometry.receiver import Odometer, Velocity
-from rig.daemon.spool.spool import ODOMETER, Spool, SpoolError, SpoolFullError
+from rig.daemon.spool.store import ODOMETER, Spool, SpoolError, SpoolFullError
 from rig.daemon.state import Answer
 
 QUOTA_MB = 10
@@ -72,7 +72,7 @@ class TestWaiting:
         assert spool.folder_of(entry.bundle) == spool.bundles_dir / entry.bundle
         assert spool.count("waiting") == 2
 
-    def test_how_many_wait_is_told_at_the_beginning_and_after_every_change(self, tmp_path: Path) -> None:
+    def test_the_number_waiting_is_reported_initially_and_after_every_change(self, tmp_path: Path) -> None:
         told: list[int] = []
         with Spool(tmp_path / "another", QUOTA_MB) as spool:
             captured(spool, "a")
@@ -230,7 +230,7 @@ class TestRestart:
             assert list(spool.bundles_dir.iterdir()) == []
             assert spool.entries(10) == []
 
-    def test_what_the_search_puts_beside_a_bundle_counts_too(self, spool: Spool) -> None:
+    def test_files_added_by_the_search_count_too(self, spool: Spool) -> None:
         captured(spool, "a")
         (before,) = spool.entries(10)
         (spool.bundles_dir / "a" / "skylines.json").write_bytes(b"x" * 12_345)
@@ -238,7 +238,7 @@ class TestRestart:
         (after,) = spool.entries(10)
         assert after.size_bytes == before.size_bytes + 12_345
 
-    def test_a_folder_that_is_gone_is_told(self, tmp_path: Path) -> None:
+    def test_a_missing_folder_is_reported(self, tmp_path: Path) -> None:
         with Spool(tmp_path, QUOTA_MB) as spool:
             captured(spool, "a")
             (spool.bundles_dir / "a").rename(tmp_path / "elsewhere")
@@ -246,7 +246,7 @@ class TestRestart:
             (entry,) = spool.entries(10)
             assert (entry.state, entry.reason, entry.here) == ("failed", "its folder is gone", False)
 
-    def test_a_damaged_index_is_made_anew(self, tmp_path: Path) -> None:
+    def test_a_damaged_index_is_rebuilt(self, tmp_path: Path) -> None:
         with Spool(tmp_path, QUOTA_MB) as spool:
             captured(spool, "a")
         (tmp_path / "index.sqlite").write_bytes(b"no database" * 1000)
@@ -262,7 +262,7 @@ class TestRestart:
         def full(*_: object) -> None:
             raise sqlite3.OperationalError("database or disk is full")
 
-        monkeypatch.setattr("rig.daemon.spool.spool.remember", full)
+        monkeypatch.setattr("rig.daemon.spool.store.remember", full)
         with pytest.raises(SpoolError, match="disk is full"):
             spool.set_answer(answer_for("a"), Tracker())
         assert spool.answer_of("a") is None

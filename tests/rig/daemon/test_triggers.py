@@ -16,12 +16,14 @@ from rig.clock import Instant
 from rig.config.load import load_config
 from rig.config.model import RigConfig
 from rig.config.run import RestTrigger, RunSection
-from rig.daemon import rest
-from rig.daemon.device_watch import DeviceWatch, Hardware, next_wait_s, obstacle
-from rig.daemon.main_loop import Inbox, MainLoop
+from rig.daemon import stationary_trigger
+from rig.daemon.device_locks import DeviceLocks
+from rig.daemon.device_monitor import DeviceMonitor, next_wait_s
+from rig.daemon.main_loop import MainLoop, RequestQueue
 from rig.daemon.notify import Notifier
-from rig.daemon.rest import SAMPLES_A_SECOND, RestDetector, RestWatch, noise_mg
-from rig.daemon.state import Board
+from rig.daemon.readiness import why_not_ready
+from rig.daemon.state import DaemonState
+from rig.daemon.stationary_trigger import SAMPLES_A_SECOND, StationaryDetector, StationaryMonitor, noise_mg
 from rig.daemon.triggers import Triggers
 from rig.devices.readings import AccelerationReading
 from rig.errors import DeviceError
@@ -32,16 +34,16 @@ EXAMPLE = Path(__file__).parents[3] / "configs" / "vehicle.toml"
 
 class TestNextConfiguration:
     @pytest.fixture
-    def board(self) -> Board:
-        board = Board()
-        board.set_activity("idle")
-        return board
+    def daemon_state(self) -> DaemonState:
+        daemon_state = DaemonState()
+        daemon_state.set_activity("idle")
+        return daemon_state
 
-    def a_loop(self, board: Board, taken: list[str]) -> tuple[MainLoop, Triggers, Inbox]:
+    def a_loop(self, daemon_state: DaemonState, taken: list[str]) -> tuple[MainLoop, Triggers, RequestQueue]:
         config = load_config(EXAMPLE)
         assert config.run
-        inbox: Inbox = queue.SimpleQueue()
-        triggers = Triggers(board, lambda: None, inbox.put)
+        requests: RequestQueue = queue.SimpleQueue()
+        triggers = Triggers(daemon_state, lambda: None, requests.put)
         terrain: Future[None] = Future()
         terrain.set_result(None)
         captures = SimpleNamespace(
@@ -49,24 +51,24 @@ class TestNextConfiguration:
             interrupted=lambda source: taken.append(f"{source} interrupted"),
         )
         search = SimpleNamespace(terrain=terrain, pictures=terrain, wake=lambda: None)
-        parts: Any = (board, Notifier(None), triggers, captures, search, None, None, inbox)
-        return MainLoop(config.run, EXAMPLE, *parts), triggers, inbox
+        parts: Any = (daemon_state, Notifier(None), triggers, captures, search, None, None, requests)
+        return MainLoop(config.run, EXAMPLE, *parts), triggers, requests
 
-    def test_a_capture_that_was_promised_meanwhile_is_still_taken(self, board: Board) -> None:
+    def test_a_capture_that_was_promised_meanwhile_is_still_taken(self, daemon_state: DaemonState) -> None:
         taken: list[str] = []
-        loop, triggers, inbox = self.a_loop(board, taken)
-        inbox.put("reload")
+        loop, triggers, requests = self.a_loop(daemon_state, taken)
+        requests.put("reload")
         assert triggers.trigger("command") == "started"
-        inbox.put("reload")  # the file may have changed once more
+        requests.put("reload")  # the file may have changed once more
         assert loop.run(lambda: None, lambda: None).config == load_config(EXAMPLE)
         assert taken == ["command"]
         assert triggers.trigger("command") == "stopping"
-        assert inbox.get_nowait() == "reload"
-        assert inbox.empty()
+        assert requests.get_nowait() == "reload"
+        assert requests.empty()
 
-    def test_one_that_the_end_forestalls_is_accounted_for(self, board: Board) -> None:
+    def test_one_that_the_end_forestalls_is_accounted_for(self, daemon_state: DaemonState) -> None:
         taken: list[str] = []
-        loop, triggers, _ = self.a_loop(board, taken)
+        loop, triggers, _ = self.a_loop(daemon_state, taken)
         assert triggers.trigger("command") == "started"
         triggers.stop()
         loop.give_up()
@@ -75,8 +77,8 @@ class TestNextConfiguration:
 
 class TestTriggers:
     def test_one_is_carried_out_and_every_other_is_answered_and_counted(self) -> None:
-        board, started = Board(), []
-        triggers = Triggers(board, lambda: None, started.append)
+        daemon_state, started = DaemonState(), []
+        triggers = Triggers(daemon_state, lambda: None, started.append)
         assert [triggers.trigger("http"), triggers.trigger("rest"), triggers.trigger("command")] == [
             "started",
             "busy",
@@ -87,22 +89,22 @@ class TestTriggers:
         assert triggers.trigger("signal") == "started"
         triggers.stop()
         assert triggers.trigger("command") == "stopping"
-        counts = board.snapshot().counts
+        counts = daemon_state.snapshot().counts
         assert counts["triggers"] == 5
         assert counts["triggers started"] + counts["triggers busy"] + counts["triggers stopping"] == 5
 
     def test_without_the_devices_it_is_not_ready_and_the_event_says_why(self) -> None:
-        board = Board()
-        triggers = Triggers(board, lambda: "camera not ready", lambda source: pytest.fail("started"))
-        with board.subscribed() as events:
+        daemon_state = DaemonState()
+        triggers = Triggers(daemon_state, lambda: "camera not ready", lambda source: pytest.fail("started"))
+        with daemon_state.subscribed() as events:
             assert triggers.trigger("http") == "not ready"
             event = events.get(1.0)
         assert event is not None
         assert event.data == {"source": "http", "answer": "not ready", "why": "camera not ready"}
 
     def test_of_many_at_once_one_is_started(self) -> None:
-        answers, board = [], Board()
-        triggers = Triggers(board, lambda: None, lambda source: None)
+        answers, daemon_state = [], DaemonState()
+        triggers = Triggers(daemon_state, lambda: None, lambda source: None)
         threads = [
             threading.Thread(target=lambda: answers.append(triggers.trigger("http"))) for _ in range(20)
         ]
@@ -116,7 +118,7 @@ class TestTriggers:
 class TestRest:
     SECTION = RestTrigger(still_s=10.0, still_mg=5.0)
 
-    def drive(self, detector: RestDetector, noises_mg: dict[range, float]) -> list[int]:
+    def drive(self, detector: StationaryDetector, noises_mg: dict[range, float]) -> list[int]:
         """Seconds at which it came to rest; whoever is told takes a capture."""
         rests = []
         for seconds, level_mg in noises_mg.items():
@@ -126,20 +128,20 @@ class TestRest:
                     detector.captured()
         return rests
 
-    def test_a_stop_is_told_once_when_it_has_lasted(self) -> None:
-        detector = RestDetector(self.SECTION)
+    def test_standstill_is_reported_once_after_the_debounce_time(self) -> None:
+        detector = StationaryDetector(self.SECTION)
         noises = {range(5): 40.0, range(5, 60): 0.5, range(60, 80): 40.0, range(80, 99): 0.5}
         assert self.drive(detector, noises) == [15, 90]
 
     def test_a_short_halt_is_no_rest(self) -> None:
         noises = {range(5): 40.0, range(5, 14): 0.5, range(14, 16): 30.0, range(16, 25): 0.5}
-        assert self.drive(RestDetector(self.SECTION), noises) == []
+        assert self.drive(StationaryDetector(self.SECTION), noises) == []
 
     def test_who_stands_at_the_beginning_has_come_to_rest(self) -> None:
-        assert self.drive(RestDetector(self.SECTION), {range(30): 0.5}) == [10]
+        assert self.drive(StationaryDetector(self.SECTION), {range(30): 0.5}) == [10]
 
     def test_a_capture_that_failed_is_worth_two_more_at_the_same_rest(self) -> None:
-        detector, asked = RestDetector(self.SECTION), []
+        detector, asked = StationaryDetector(self.SECTION), []
         for second in range(100):
             if detector.take(40.0 if second == 60 else 0.5, float(second)):
                 asked.append(second)
@@ -148,8 +150,8 @@ class TestRest:
                 detector.interrupted()  # by the capture
         assert asked == [10, 21, 32, 71, 82, 93]
 
-    def test_stillness_does_not_count_while_nobody_watches(self) -> None:
-        detector = RestDetector(self.SECTION)
+    def test_standstill_does_not_count_while_unobserved(self) -> None:
+        detector = StationaryDetector(self.SECTION)
         assert not detector.take(0.5, 0.0)
         detector.interrupted()
         assert not detector.take(0.5, 30.0)
@@ -191,20 +193,20 @@ class ShakenChip:
         pass
 
 
-def test_the_board_knows_when_the_vehicle_was_last_shaken(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_state_has_the_time_of_the_last_motion(monkeypatch: pytest.MonkeyPatch) -> None:
     class Quick(threading.Event):
         def wait(self, timeout: float | None = None) -> bool:
             return super().wait(0.001 if timeout else timeout)
 
-    board, stop = Board(), Quick()
+    daemon_state, stop = DaemonState(), Quick()
     chip = ShakenChip({2, 5}, stop)
     told: list[int] = []
-    monkeypatch.setattr(board, "set_moving", lambda: told.append(chip._reads // SAMPLES_A_SECOND))
-    monkeypatch.setattr(rest, "open_inclinometer", lambda _: chip)
+    monkeypatch.setattr(daemon_state, "set_moving", lambda: told.append(chip._reads // SAMPLES_A_SECOND))
+    monkeypatch.setattr(stationary_trigger, "open_inclinometer", lambda _: chip)
     config = RigConfig.model_construct(
         inclinometer=None, run=RunSection(dem=("dem.tif",), rest=RestTrigger(still_s=1e6))
     )
-    RestWatch(config, board, Hardware(), lambda: False).run(lambda: None, stop)
+    StationaryMonitor(config, daemon_state, DeviceLocks(), lambda: False).run(lambda: None, stop)
     assert told == [3, 6]  # each at the end of its second
 
 
@@ -233,26 +235,26 @@ class Watched:
     """A device watch that runs."""
 
     def __init__(self, devices: FakeDevices) -> None:
-        self.board, self.hardware, self.devices = Board(), Hardware(), devices
-        self.board.set_activity("idle")
+        self.daemon_state, self.device_locks, self.devices = DaemonState(), DeviceLocks(), devices
+        self.daemon_state.set_activity("idle")
         run = RunSection.model_validate(
             {"dem": ["x.tif"], "retry_least_s": 0.01, "retry_most_s": 0.05, "check_every_s": 0.05}
         )
-        self.watch = DeviceWatch(
+        self.watch = DeviceMonitor(
             SimpleNamespace(run=run),  # type: ignore[arg-type]
-            self.board,
-            self.hardware,
+            self.daemon_state,
+            self.device_locks,
             openers=devices.openers,
         )
 
     def until(self, **states: str) -> None:
         deadline_s = time.monotonic() + 60.0
         while time.monotonic() < deadline_s:
-            now = {device.name: device.state for device in self.board.snapshot().devices}
+            now = {device.name: device.state for device in self.daemon_state.snapshot().devices}
             if all(now[name] == state for name, state in states.items()):
                 return
             time.sleep(0.01)
-        pytest.fail(f"never {states}: {self.board.snapshot().devices}")
+        pytest.fail(f"never {states}: {self.daemon_state.snapshot().devices}")
 
 
 @pytest.fixture
@@ -268,33 +270,33 @@ def watched() -> Iterator[Watched]:
 
 class TestDevices:
     def test_before_the_daemon_has_started_there_is_no_capture(self) -> None:
-        board = Board()
-        assert obstacle(board) == "still starting"
-        board.set_activity("idle")
-        assert obstacle(board) is None
+        daemon_state = DaemonState()
+        assert why_not_ready(daemon_state) == "still starting"
+        daemon_state.set_activity("idle")
+        assert why_not_ready(daemon_state) is None
 
     def test_one_that_comes_is_found_and_one_that_goes_is_missed(self, watched: Watched) -> None:
         watched.until(head="ok", camera="failing", compass="failing", altimeter="absent")
-        assert obstacle(watched.board) == "camera not ready"
-        assert watched.board.snapshot().degraded
+        assert why_not_ready(watched.daemon_state) == "camera not ready"
+        assert watched.daemon_state.snapshot().degraded
         watched.devices.broken = {"compass"}
         watched.until(camera="ok")
-        assert obstacle(watched.board) is None  # without a compass it goes on
+        assert why_not_ready(watched.daemon_state) is None  # without a compass it goes on
         watched.devices.broken = {"compass", "head"}
         watched.until(head="failing")
-        assert obstacle(watched.board) == "head not ready"
+        assert why_not_ready(watched.daemon_state) == "head not ready"
 
     def test_a_servo_with_a_hardware_error_is_not_ready(self, watched: Watched) -> None:
         watched.devices.warnings["head"] = ("pan servo: overload",)
         watched.until(head="failing")
-        (head,) = (device for device in watched.board.snapshot().devices if device.name == "head")
+        (head,) = (device for device in watched.daemon_state.snapshot().devices if device.name == "head")
         assert head.detail == "pan servo: overload"
 
     def test_nothing_is_opened_while_a_capture_has_the_devices(self, watched: Watched) -> None:
         watched.until(head="ok")
-        with watched.hardware.all():
+        with watched.device_locks.all():
             watched.devices.opened.clear()
-            watched.watch.soon()
+            watched.watch.probe_now()
             time.sleep(0.6)
             assert watched.devices.opened == []
 

@@ -284,7 +284,7 @@ def test_every_failure_of_a_bus_names_the_chip(bus, fault, problem):
     assert chip.read_register(0, 4) == b"\0\1\2\3"
 
 
-def test_another_identity_is_told_with_both_values(bus):
+def test_another_identity_is_reported_with_both_values(bus):
     chip = I2cChip(bus, 0x1D, "ADXL355")
     with pytest.raises(WrongDeviceError, match=r"register 0x02 holds 0x02 instead of 0xED \(maybe a clock\)"):
         chip.require_identity(0x02, 0xED, "maybe a clock")

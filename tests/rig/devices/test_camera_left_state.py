@@ -16,7 +16,7 @@ import pytest
 from pydantic import ValidationError
 
 from rig.config.sections import CameraSection
-from rig.devices.camera.camera import Camera, LocalExposure
+from rig.devices.camera.driver import Camera, LocalExposure
 from rig.devices.camera.v4l2_settings import V4l2Settings
 from rig.errors import DeviceError
 from rig.fault_notes import collecting

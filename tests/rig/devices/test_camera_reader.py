@@ -12,7 +12,8 @@ from fakes.mjpeg_camera import mjpeg_server
 
 from rig.clock import Instant
 from rig.config.sections import CameraSection
-from rig.devices.camera.camera import Camera, TimedFrame, average
+from rig.devices.camera.driver import Camera
+from rig.devices.camera.frames import TimedFrame, average
 from rig.errors import DeviceError
 
 LIFE = time.monotonic()
@@ -153,10 +154,10 @@ def test_averaging_rounds_to_nearest() -> None:
 
 A_PROGRAM_THAT_ENDS = """
 import sys, time
-from rig.devices.camera import camera
+from rig.devices.camera import driver
 from rig.config.sections import CameraSection
-camera.THREAD_END_S = 0.1
-hanging = camera.Camera(CameraSection.model_validate_json(sys.argv[1]))
+driver.THREAD_END_S = 0.1
+hanging = driver.Camera(CameraSection.model_validate_json(sys.argv[1]))
 time.sleep(0.3)
 hanging.close()
 sys.exit(2)

@@ -154,12 +154,12 @@ def test_bmp390_without_trim_is_broken(bmp, trim):
         Bmp3(FakeI2cBus({0x76: bmp}))
 
 
-def test_an_ms5611_at_the_address_of_a_bmp390_is_told(ms):
+def test_an_ms5611_at_the_address_of_a_bmp390_is_reported(ms):
     with pytest.raises(WrongDeviceError, match=r"BMP390 at 0x76 .*0x00 often an MS5611"):
         Bmp3(FakeI2cBus({0x76: ms}))
 
 
-def test_a_bmp390_at_the_address_of_an_ms5611_is_told(bmp):
+def test_a_bmp390_at_the_address_of_an_ms5611_is_reported(bmp):
     with pytest.raises(WrongDeviceError, match=r"MS5611 at 0x76 .* is a BMP390"):
         Ms5611(FakeI2cBus({0x76: bmp}), 0x76)
 

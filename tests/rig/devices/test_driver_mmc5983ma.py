@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from rig.devices.sensors import mmc5983ma
 from rig.devices.sensors.mmc5983ma import Mmc5983ma, decode_field, decode_temperature_c
-from rig.devices.sensors.sampling import LEAST_READINGS
+from rig.devices.sensors.sampling import MIN_READINGS
 from rig.errors import DeviceError, TransientError, WrongDeviceError
 from rig.fault_notes import collecting
 
@@ -99,7 +99,7 @@ def test_many_readings_are_enough_for_a_mean_however_short_the_time(sensor, monk
     noisy = itertools.count()
     read = sensor.read
     monkeypatch.setattr(sensor, "read", lambda: replace(read(), x_ut=20.0 + 0.01 * next(noisy)))
-    assert len(sensor.read_many(0.0)) == LEAST_READINGS
+    assert len(sensor.read_many(0.0)) == MIN_READINGS
 
 
 def test_a_chip_whose_readings_are_all_the_same_is_frozen(sensor):
@@ -136,7 +136,7 @@ def test_a_measurement_that_does_not_end_is_given_up(chip, sensor, monkeypatch):
 
 
 @pytest.mark.parametrize("counts", [200_000, -200_000])
-def test_a_magnet_that_saturates_the_sensor_is_told(chip, sensor, counts):
+def test_a_saturating_magnet_is_reported(chip, sensor, counts):
     chip.field_counts = (counts, 0, 0)
     with pytest.raises(TransientError, match="beyond ±8 G; is a magnet near"):
         sensor.read()

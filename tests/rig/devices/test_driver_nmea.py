@@ -24,7 +24,7 @@ def pressure(line: str) -> PressureReading | None:
     return parse_pressure(parse_sentence(line.encode()), AT)
 
 
-def sealed(body: str) -> str:
+def has_checksum(body: str) -> str:
     """The sentence with that body and the right checksum."""
     return f"${body}*{checksum(body.encode()):02X}"
 
@@ -83,7 +83,7 @@ def test_pitch_and_roll_where_they_are_sent(line, pitch_deg, roll_deg):
     ],
 )
 def test_deviation_is_applied_and_the_heading_stays_below_360(body, heading_deg):
-    reading = heading(sealed(body))
+    reading = heading(has_checksum(body))
     assert reading is not None
     assert reading.heading_deg == pytest.approx(heading_deg)
 
@@ -112,7 +112,7 @@ def test_deviation_is_applied_and_the_heading_stays_below_360(body, heading_deg)
 )
 def test_headings_that_must_not_be_trusted(body, problem):
     with pytest.raises(MessageError, match=problem):
-        heading(sealed(body))
+        heading(has_checksum(body))
 
 
 @pytest.mark.parametrize(
@@ -126,13 +126,13 @@ def test_headings_that_must_not_be_trusted(body, problem):
     ],
 )
 def test_a_filler_beside_a_heading_leaves_the_heading_as_it_is(body, variation_deg):
-    found = heading(sealed(body))
+    found = heading(has_checksum(body))
     assert (found.heading_deg, found.deviation_deg, found.variation_deg) == (98.3, 0.0, variation_deg)
 
 
 @pytest.mark.parametrize("body", ["GPGGA,1,2,3", "WIMDA,29.3,I", "PTNTHTM,14223,N,169,N", "HCXHDT,1", ""])
 def test_other_sentences_are_no_heading(body):
-    assert heading(sealed(body)) is None
+    assert heading(has_checksum(body)) is None
 
 
 PRESSURES = [
@@ -153,12 +153,14 @@ def test_golden_pressures(line, pressure_hpa, temperature_c):
 
 
 def test_mda_without_bar_has_inches_of_mercury():
-    reading = pressure(sealed("WIMDA,29.2878,I,,,18.8,C"))
+    reading = pressure(has_checksum("WIMDA,29.2878,I,,,18.8,C"))
     assert reading is not None
     assert reading.pressure_hpa == pytest.approx(991.8, abs=0.05)
 
 
-@pytest.mark.parametrize("line", ["$YXXDR,A,-0.5,D,PITCH,A,1.2,D,ROLL*3F", sealed("WIXDR,H,039.6,P,RH")])
+@pytest.mark.parametrize(
+    "line", ["$YXXDR,A,-0.5,D,PITCH,A,1.2,D,ROLL*3F", has_checksum("WIXDR,H,039.6,P,RH")]
+)
 def test_an_xdr_of_other_transducers_has_no_pressure(line):
     assert pressure(line) is None
 
@@ -168,7 +170,7 @@ def test_an_xdr_of_other_transducers_has_no_pressure(line):
 )
 def test_pressures_that_must_not_be_trusted(body):
     with pytest.raises(MessageError):
-        pressure(sealed(body))
+        pressure(has_checksum(body))
 
 
 @pytest.mark.parametrize(
@@ -198,7 +200,7 @@ def test_any_bytes_give_a_sentence_or_a_message_error(line):
         sentence = parse_sentence(line)
     except MessageError:
         return
-    assert sealed(",".join([sentence.address, *sentence.fields])).encode()[:-2] in line
+    assert has_checksum(",".join([sentence.address, *sentence.fields])).encode()[:-2] in line
 
 
 field_text = st.text("0123456789.-+,NEWTMABCHP ", max_size=40)
@@ -207,7 +209,7 @@ field_text = st.text("0123456789.-+,NEWTMABCHP ", max_size=40)
 @given(st.sampled_from(["HCHDG", "HCHDM", "HCHDT", "HCTHS", "PTNTHPR", "OHPR", "WIXDR", "WIMDA"]), field_text)
 def test_any_fields_give_a_reading_in_range_or_a_message_error(address, fields):
     try:
-        sentence = parse_sentence(sealed(f"{address},{fields}").encode())
+        sentence = parse_sentence(has_checksum(f"{address},{fields}").encode())
         reading, barometer = parse_heading(sentence, AT), parse_pressure(sentence, AT)
     except MessageError:
         return
@@ -224,7 +226,7 @@ def test_an_independent_library_reads_the_same(heading_deg, variation_deg, kind)
         "HDT": f"HCHDT,{heading_deg:.1f},T",
         "THS": f"HCTHS,{heading_deg:.1f},A",
     }[kind]
-    line = sealed(body)
+    line = has_checksum(body)
     theirs = pynmeagps.NMEAReader.parse(line + "\r\n")
     ours = heading(line)
     assert ours is not None

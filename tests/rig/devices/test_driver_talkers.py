@@ -69,7 +69,7 @@ def test_a_wrong_baud_rate_shows_in_the_error(line, compass):
         compass.read(timeout_s=0.2)
 
 
-def test_a_talker_that_says_other_things_is_told_what_to_send(line, compass):
+def test_a_talker_of_other_sentences_is_reported_with_the_expected_ones(line, compass):
     line.say_soon(b"$GPZDA,1*55\r\n")
     with pytest.raises(TransientError, match=r"last line: b'\$GPZDA,1\*55'; set the instrument to send"):
         compass.read(timeout_s=0.2)
@@ -110,14 +110,14 @@ def test_a_talker_names_itself(line, compass):
     assert compass.identify() == f"NMEA compass on {line.path} at 4800 baud"
 
 
-def test_a_barometer_talks_nmea(line):
+def test_an_nmea_barometer(line):
     barometer = nmea_barometer(line.path, 4800)
     line.say_soon(NEW + b"$YXXDR,A,-0.5,D,PITCH,A,1.2,D,ROLL*3F\r\n$WIXDR,P,1028.1,H,0*6C\r\n")
     assert barometer.read().pressure_hpa == 1028.1
     barometer.close()
 
 
-def test_a_barometer_talks_pa50(line):
+def test_a_pa50_barometer(line):
     barometer = vaisala_pa50(line.path, 9600)
     line.say_soon(b"200\x0370\r\n", b"\x01P\x021 1009.18 ***.* * 1009.2 1009.2 1009.2 000\x03D6\r\n")
     assert barometer.read().pressure_hpa == 1009.18

@@ -8,8 +8,9 @@ from fakes.servos import GOAL, POSITION, TORQUE, FakeServo, FakeServoBus, status
 
 from rig.devices.bus.serial_port import SerialPort
 from rig.devices.dynamixel import control_table as table
-from rig.devices.dynamixel.servo import Servo, read_states, require_models
+from rig.devices.dynamixel.servo import Servo
 from rig.devices.dynamixel.servo_bus import RefusedError, ServoBus
+from rig.devices.dynamixel.servo_group import read_states, require_models
 from rig.errors import TransientError, WrongDeviceError
 
 
@@ -73,7 +74,7 @@ def test_another_model_is_refused_with_all_that_was_expected_and_found(bus):
     )
 
 
-def test_a_missing_servo_is_listed_beside_those_found(bus):
+def test_a_missing_servo_is_listed_with_those_found(bus):
     with pytest.raises(TransientError, match="found id 1: XM430-W350, id 3: no answer; check servo power"):
         require_models(bus, {1: "XM430-W350", 3: "XM430-W350"})
 

@@ -240,7 +240,7 @@ def test_lost_power_on_the_way_is_named(head, servos):
         head.wait_settled()
 
 
-def test_after_lost_power_the_speed_is_set_anew(head, servos):
+def test_after_lost_power_the_speed_is_set_again(head, servos):
     head.move_to(5.0, 0.0)
     head.wait_settled()
     for address, length in ((TORQUE, 1), (112, 4), (108, 4)):
@@ -269,7 +269,7 @@ def test_the_bus_watchdog_is_armed_while_the_head_moves_only(head, servos):
     assert register(servos, WATCHDOG, 1) == [0, 0]
 
 
-def test_waiting_keeps_the_bus_watchdog_fed(parameters, servos):
+def test_waiting_resets_the_bus_watchdog(parameters, servos):
     with PanTilt(replace(parameters, bus_watchdog_ms=200)) as head:
         slow(servos)
         head.move_to(20.0, 0.0)  # some 0.8 s
@@ -358,7 +358,7 @@ def test_a_zone_that_cannot_be_passed(parameters, servos):
         assert not servos.written(GOAL)
 
 
-def test_a_head_that_lost_its_torque_on_the_way_is_set_up_anew_and_sent_on(head, servos):
+def test_a_head_that_lost_its_torque_during_a_move_is_set_up_again_and_continues(head, servos):
     slow(servos)
 
     def lose_power() -> None:

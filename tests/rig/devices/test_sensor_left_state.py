@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from fakes.simulated import quick_rig
 
+from rig.attitude.altitude_plausibility import AltitudeBounds, altitude_bounds, require_plausible_altitude
 from rig.attitude.kinematics import Attitude, JointAngles
-from rig.attitude.possible_altitude import AltitudeBounds, altitude_bounds, require_possible
 from rig.attitude.tilt_agreement import require_agreement
-from rig.check.check import check_altimeter, check_devices
+from rig.check.devices import check_altimeter, check_devices
 from rig.config.load import load_config
 from rig.config.sections import I2cAltimeterSection
 from rig.devices.sensors import ms5611
@@ -212,10 +212,10 @@ def section(kind: str, reference_altitude_m: float = 300.0) -> I2cAltimeterSecti
 def test_an_altitude_is_compared_with_the_ground_there_is(altitude_m: float, possible: bool) -> None:
     bounds = [AltitudeBounds(100.0, 2500.0, "the ground of dem.tif lies at 400 to 2200 m")]
     if possible:
-        require_possible(altitude_m, 900.0, section("bmp390"), "BMP390", bounds)
+        require_plausible_altitude(altitude_m, 900.0, section("bmp390"), "BMP390", bounds)
         return
     with pytest.raises(DeviceError, match=rf"an altitude of {altitude_m:.0f} m, but the ground of dem\.tif"):
-        require_possible(altitude_m, 900.0, section("bmp390"), "BMP390", bounds)
+        require_plausible_altitude(altitude_m, 900.0, section("bmp390"), "BMP390", bounds)
 
 
 @pytest.mark.parametrize(
@@ -225,7 +225,7 @@ def test_the_refusal_names_the_barometer_that_answers_alike(kind: str, other: st
     bounds = [AltitudeBounds(100.0, 2500.0, "[place] altitude_m says 300 m")]
     said = rf"an {other.upper()} read as an {kind.upper()} gives {part} the pressure: .*kind = \"{other}\""
     with pytest.raises(DeviceError, match=said):
-        require_possible(5950.0, 473.0, section(kind), kind.upper(), bounds)
+        require_plausible_altitude(5950.0, 473.0, section(kind), kind.upper(), bounds)
 
 
 def scenario(**parts: object) -> Scenario:

@@ -163,7 +163,7 @@ def test_a_homing_offset_is_set_to_0_and_no_move_goes_round(offset: int) -> None
 
 
 @pytest.mark.parametrize("level", [0, pytest.param(1, marks=pytest.mark.long)])
-def test_a_servo_that_was_told_to_answer_pings_or_reads_only_is_told_to_answer(level: int) -> None:
+def test_a_servo_that_answers_pings_or_reads_only_is_set_to_answer_all(level: int) -> None:
     with rig_with({"status_return_level": level}, {"status_return_level": level}) as rig:
         with head_of(rig) as head:
             travel(rig, head, (30.0, -10.0))
@@ -246,7 +246,7 @@ def test_an_answer_that_is_lost_while_a_reversed_servo_is_set_right_does_no_harm
             travel(rig, head, (30.0, 0.0))
 
 
-def test_a_servo_that_starts_anew_between_two_moves_gets_its_gains_and_its_speed_again() -> None:
+def test_a_servo_that_reboots_between_two_moves_gets_its_gains_and_speed_again() -> None:
     with rig_with() as rig, head_of(rig) as head:
         travel(rig, head, (20.0, 0.0))
         rig.pan.write(84, (0).to_bytes(2, "little"))

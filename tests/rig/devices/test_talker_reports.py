@@ -32,7 +32,7 @@ def reported(name: str) -> bytes:
     return path.read_bytes()
 
 
-def sealed(*bodies: str) -> bytes:
+def has_checksum(*bodies: str) -> bytes:
     """Sentences with their checksums."""
     return b"".join(f"${body}*{checksum(body.encode()):02X}\r\n".encode() for body in bodies)
 
@@ -112,13 +112,13 @@ class TestCompass:
         assert (found.pitch_deg, found.roll_deg, found.resolution_deg) == (0.2, -18.3, pytest.approx(0.1))
 
     def test_more_letters_of_that_format_and_an_error_code(self, hear: Callable[..., Any]) -> None:
-        whole = sealed("C68.2P1.5R-2.1T23.5D0.00Mx12.1My-3.5Mz40.2Ax0.1Ay0.2Az0.98")
+        whole = has_checksum("C68.2P1.5R-2.1T23.5D0.00Mx12.1My-3.5Mz40.2Ax0.1Ay0.2Az0.98")
         assert headings(hear(nmea_compass, whole)) == [68.2]
         with pytest.raises(TransientError, match=r"\$C has the error code E001: not to be used"):
-            hear(nmea_compass, sealed("C328.3P28.4R-12.4X55.11Y12.33Z-18.43T22.3E001"))
-        assert headings(hear(nmea_compass, sealed("C328.3P28.4R-12.4X55.11Y12.33Z-18.43T22.3E000"))) == [
-            328.3
-        ]
+            hear(nmea_compass, has_checksum("C328.3P28.4R-12.4X55.11Y12.33Z-18.43T22.3E001"))
+        assert headings(
+            hear(nmea_compass, has_checksum("C328.3P28.4R-12.4X55.11Y12.33Z-18.43T22.3E000"))
+        ) == [328.3]
 
     def test_no_heading_now_is_not_damage(self, hear: Callable[..., Any]) -> None:
         for sentence in reported("n07").splitlines(keepends=True):
@@ -145,11 +145,11 @@ class TestCompass:
         self, hear: Callable[..., Any], body: str, said: str
     ) -> None:
         with pytest.raises(TransientError, match=re.escape(said)) as caught:
-            hear(nmea_compass, sealed(body))
+            hear(nmea_compass, has_checksum(body))
         assert "baud" not in str(caught.value)
 
     def test_an_estimated_heading_is_marked(self, hear: Callable[..., Any]) -> None:
-        assert [r.estimated for r in hear(nmea_compass, sealed("GPTHS,77.5,E", "GPTHS,77.5,A"))] == [
+        assert [r.estimated for r in hear(nmea_compass, has_checksum("GPTHS,77.5,E", "GPTHS,77.5,A"))] == [
             True,
             False,
         ]
@@ -167,7 +167,9 @@ class TestCompass:
             hear(nmea_compass, data)
         assert headings(hear(nmea_compass, data, require_checksum=False)) == [237.5]
         with collecting() as faults:
-            assert headings(hear(nmea_compass, sealed("HCHDM,1.0,M") + data, require_checksum=False)) == [1.0]
+            assert headings(
+                hear(nmea_compass, has_checksum("HCHDM,1.0,M") + data, require_checksum=False)
+            ) == [1.0]
         assert [note.problem for note in faults.all()] == ["sent a damaged line"]
 
     def test_without_checksums_a_sentence_has_to_be_complete(self, hear: Callable[..., Any]) -> None:
@@ -175,7 +177,7 @@ class TestCompass:
         assert headings(hear(nmea_compass, cut, require_checksum=False)) == [237.6]
 
     def test_a_checksum_that_is_missing_once_is_damage(self, hear: Callable[..., Any]) -> None:
-        mixed = sealed("HCHDM,1.0,M") + b"$HCHDM,200.0,M\r\n" + sealed("HCHDM,2.0,M")
+        mixed = has_checksum("HCHDM,1.0,M") + b"$HCHDM,200.0,M\r\n" + has_checksum("HCHDM,2.0,M")
         with collecting() as faults:
             assert headings(hear(nmea_compass, mixed, require_checksum=False)) == [1.0, 2.0]
         assert [note.problem for note in faults.all()] == ["sent a damaged line"]
@@ -183,7 +185,7 @@ class TestCompass:
     def test_other_sentences_need_no_checksum(self, hear: Callable[..., Any]) -> None:
         with collecting() as faults:
             assert headings(
-                hear(nmea_compass, b"$RPYL,15,9,314,11,0,1009,0\r\n" + sealed("HCHDM,1.0,M"))
+                hear(nmea_compass, b"$RPYL,15,9,314,11,0,1009,0\r\n" + has_checksum("HCHDM,1.0,M"))
             ) == [1.0]
         assert not faults.all()
 
@@ -200,12 +202,12 @@ class TestCompass:
     ) -> None:
         monkeypatch.setattr(talker, "COMPASS_SURVEY_S", 0.5)
         compass = nmea_compass(line.path, 4800)
-        line.say_soon(*[sealed("HCHDM,10.0,M", "TIHDM,30.0,M")] * 3, every_s=0.15)
+        line.say_soon(*[has_checksum("HCHDM,10.0,M", "TIHDM,30.0,M")] * 3, every_s=0.15)
         assert {reading.source for reading in compass.read_many(0.01)} == {"HCHDM", "TIHDM"}
         compass.close()
 
     def test_one_sentence_can_be_chosen(self, hear: Callable[..., Any]) -> None:
-        both = sealed("HCHDG,10.0,,,3.0,E", "GPHDT,50.0,T")
+        both = has_checksum("HCHDG,10.0,,,3.0,E", "GPHDT,50.0,T")
         assert headings(hear(nmea_compass, both, sentence="HDT")) == [50.0]
         assert headings(hear(nmea_compass, both, sentence="HCHDG")) == [10.0]
 
@@ -232,7 +234,7 @@ class TestCompass:
         assert "damaged" not in str(caught.value)
 
     def test_garbage_is_another_baud_rate(self, hear: Callable[..., Any]) -> None:
-        noise = bytes(byte ^ 0xA5 for byte in sealed("HCHDM,237.5,M") * 5)  # no line end among them
+        noise = bytes(byte ^ 0xA5 for byte in has_checksum("HCHDM,237.5,M") * 5)  # no line end among them
         with pytest.raises(
             TransientError, match=r"damaged: .* no text; check `baud` and the cable"
         ) as caught:
@@ -243,9 +245,9 @@ class TestCompass:
         with pytest.raises(TransientError, match=r"damaged: .*; check `baud` and the cable$"):
             hear(nmea_compass, b"237.5,M*2A\r\n$HCHDM,237.6,M*2A\r\n")
 
-    def test_what_says_most_is_told(self, hear: Callable[..., Any]) -> None:
+    def test_the_most_informative_line_is_reported(self, hear: Callable[..., Any]) -> None:
         """A line that was cut when the port was opened must not hide that the compass has no heading."""
-        data = sealed("HCHDG,,,,,", "GPZDA,1") + b"\xff\x80\x12\r\n"
+        data = has_checksum("HCHDG,,,,,", "GPZDA,1") + b"\xff\x80\x12\r\n"
         with pytest.raises(TransientError, match="HCHDG has no value in field 1 now"):
             hear(nmea_compass, data)
 
@@ -285,19 +287,19 @@ class TestBarometer:
     def test_the_first_plausible_one_that_is_the_air_s(
         self, hear: Callable[..., Any], body: str, pressure_hpa: float
     ) -> None:
-        assert air(hear(nmea_barometer, sealed(body))) == [pressure_hpa]
+        assert air(hear(nmea_barometer, has_checksum(body))) == [pressure_hpa]
 
     def test_a_name_chooses(self, hear: Callable[..., Any]) -> None:
         body = "WIXDR,P,0.9687,B,Barometer,P,95000,P,ENGINEBOOST#0"
-        assert air(hear(nmea_barometer, sealed(body), transducer="engineboost#0")) == [950.0]
-        both = sealed(body, "WIMDA,28.6057,I,0.9687,B,18.8,C")
+        assert air(hear(nmea_barometer, has_checksum(body), transducer="engineboost#0")) == [950.0]
+        both = has_checksum(body, "WIMDA,28.6057,I,0.9687,B,18.8,C")
         assert {r.source for r in hear(nmea_barometer, both, transducer="WIMDA")} == {"WIMDA"}
         with pytest.raises(TransientError, match="with a pressure of OTHER within"):
-            hear(nmea_barometer, sealed(body), transducer="OTHER")
+            hear(nmea_barometer, has_checksum(body), transducer="OTHER")
 
     def test_machines_are_no_barometer(self, hear: Callable[..., Any]) -> None:
         with pytest.raises(TransientError, match="set the instrument to send"):
-            hear(nmea_barometer, sealed("ERXDR,P,100300,P,ENGINEOIL#0"))
+            hear(nmea_barometer, has_checksum("ERXDR,P,100300,P,ENGINEOIL#0"))
 
     @pytest.mark.parametrize(
         "name", ["QNH", "QFF", "MSLP", "SeaLevelPressure", "PRES_SEA", "RelativePressure"]
@@ -305,8 +307,8 @@ class TestBarometer:
     def test_a_pressure_of_sea_level_says_no_altitude(self, hear: Callable[..., Any], name: str) -> None:
         body = f"WIXDR,P,1.0248,B,{name}"
         with pytest.raises(TransientError, match="reduced to sea level"):
-            hear(nmea_barometer, sealed(body))
-        assert air(hear(nmea_barometer, sealed(body), transducer=name)) == [1024.8]
+            hear(nmea_barometer, has_checksum(body))
+        assert air(hear(nmea_barometer, has_checksum(body), transducer=name)) == [1024.8]
 
     @pytest.mark.parametrize(
         ("body", "said", "pressure_hpa"),
@@ -323,7 +325,7 @@ class TestBarometer:
         self, line: Line, body: str, said: str, pressure_hpa: float
     ) -> None:
         barometer = nmea_barometer(line.path, 4800)
-        line.say_soon(*[sealed(body)] * 4)
+        line.say_soon(*[has_checksum(body)] * 4)
         with collecting() as faults:
             found = barometer.read_many(0.05)
         barometer.close()
@@ -344,7 +346,7 @@ class TestBarometer:
         self, hear: Callable[..., Any], body: str
     ) -> None:
         with pytest.raises(TransientError) as caught:
-            hear(nmea_barometer, sealed(body))
+            hear(nmea_barometer, has_checksum(body))
         assert "baud" not in str(caught.value)
 
     @pytest.mark.parametrize(
@@ -364,17 +366,17 @@ class TestBarometer:
     def test_the_step_of_what_is_sent_is_known(
         self, hear: Callable[..., Any], body: str, resolution_hpa: float
     ) -> None:
-        (found,) = hear(nmea_barometer, sealed(body))
+        (found,) = hear(nmea_barometer, has_checksum(body))
         assert found.resolution_hpa == pytest.approx(resolution_hpa)
 
     def test_inches_are_taken_where_they_are_finer(self, hear: Callable[..., Any]) -> None:
-        (found,) = hear(nmea_barometer, sealed("WIMDA,28.6057,I,0.97,B,18.8,C"))
+        (found,) = hear(nmea_barometer, has_checksum("WIMDA,28.6057,I,0.97,B,18.8,C"))
         assert found.pressure_hpa == pytest.approx(968.7, abs=0.01)
 
     def test_inches_and_bar_that_do_not_agree_are_an_error(self, hear: Callable[..., Any]) -> None:
         with pytest.raises(TransientError, match=r"29\.92 inches and 0\.9687 bar, which do not agree"):
-            hear(nmea_barometer, sealed("WIMDA,29.92,I,0.9687,B,18.8,C"))
-        assert air(hear(nmea_barometer, sealed("WIMDA,0.0,I,0.9687,B,18.8,C"))) == [968.7], "a filler"
+            hear(nmea_barometer, has_checksum("WIMDA,29.92,I,0.9687,B,18.8,C"))
+        assert air(hear(nmea_barometer, has_checksum("WIMDA,0.0,I,0.9687,B,18.8,C"))) == [968.7], "a filler"
 
     @pytest.mark.parametrize(
         ("body", "temperature_c"),
@@ -392,13 +394,13 @@ class TestBarometer:
     def test_the_air_s_temperature(
         self, hear: Callable[..., Any], body: str, temperature_c: float | None
     ) -> None:
-        (found,) = hear(nmea_barometer, sealed(body))
+        (found,) = hear(nmea_barometer, has_checksum(body))
         assert air([found]) == [968.7]
         assert found.temperature_c == (None if temperature_c is None else pytest.approx(temperature_c))
 
     def test_two_sentences_that_disagree_are_an_error(self, line: Line) -> None:
         barometer = nmea_barometer(line.path, 4800)
-        line.say_soon(*[sealed("WIXDR,P,0.9687,B,Barometer", "IIXDR,P,0.9537,B,BARO2")] * 4)
+        line.say_soon(*[has_checksum("WIXDR,P,0.9687,B,Barometer", "IIXDR,P,0.9537,B,BARO2")] * 4)
         with pytest.raises(DeviceError, match=r"WIXDR Barometer 968\.7 hPa and IIXDR BARO2 953\.7 hPa; name"):
             barometer.read_many(0.05)
         barometer.close()
@@ -407,7 +409,8 @@ class TestBarometer:
         monkeypatch.setattr(talker, "SURVEY_S", 1.0)
         barometer = nmea_barometer(line.path, 4800)
         line.say_soon(
-            *[sealed("WIXDR,P,0.9687,B,Barometer"), sealed("IIXDR,P,0.9537,B,BARO2")] * 2, every_s=0.4
+            *[has_checksum("WIXDR,P,0.9687,B,Barometer"), has_checksum("IIXDR,P,0.9537,B,BARO2")] * 2,
+            every_s=0.4,
         )
         with pytest.raises(DeviceError, match="its sources do not agree"):
             barometer.read_many(0.1)
@@ -415,18 +418,18 @@ class TestBarometer:
 
     def test_of_two_that_agree_the_finer_one_counts(self, line: Line) -> None:
         barometer = nmea_barometer(line.path, 4800)
-        line.say_soon(*[sealed("WIXDR,P,0.97,B,Barometer", "IIXDR,P,0.9687,B,BARO2")] * 4)
+        line.say_soon(*[has_checksum("WIXDR,P,0.97,B,Barometer", "IIXDR,P,0.9687,B,BARO2")] * 4)
         assert {reading.source for reading in barometer.read_many(0.05)} == {"IIXDR BARO2"}
         barometer.close()
 
-    def test_a_vaisala_barometer_that_talks_nmea_is_told(self, hear: Callable[..., Any]) -> None:
+    def test_a_vaisala_barometer_set_to_nmea_is_reported(self, hear: Callable[..., Any]) -> None:
         with pytest.raises(TransientError, match=r"NMEA 0183: WIXDR; .* give the right `kind`"):
-            hear(vaisala_pa50, sealed("WIXDR,P,0.9687,B,Barometer"))
+            hear(vaisala_pa50, has_checksum("WIXDR,P,0.9687,B,Barometer"))
 
     def test_no_pressure_now(self, hear: Callable[..., Any]) -> None:
         for body in ("WIXDR,P,,B,Barometer", "WIMDA,,I,,B,18.8,C", "WIMMB,,I,,B"):
             with pytest.raises(TransientError, match=r"has no pressure now; wait until"):
-                hear(nmea_barometer, sealed(body))
+                hear(nmea_barometer, has_checksum(body))
 
 
 class Chunks:
@@ -475,7 +478,7 @@ def test_lines_are_the_same_however_they_arrive(stream: bytes, cuts: list[int]) 
 def test_any_fields_give_a_reading_that_can_be_or_a_message_error(
     address: str, fields: list[str], with_checksum: bool
 ) -> None:
-    line = sealed(",".join([address, *fields]))
+    line = has_checksum(",".join([address, *fields]))
     if not with_checksum:
         line = line.partition(b"*")[0]
     at = Instant(0.0, datetime(2026, 11, 26, tzinfo=UTC))
@@ -492,7 +495,7 @@ def test_any_fields_give_a_reading_that_can_be_or_a_message_error(
 def test_any_letters_and_numbers_give_a_heading_or_a_message_error(body: str) -> None:
     at = Instant(0.0, datetime(2026, 11, 26, tzinfo=UTC))
     try:
-        found = parse_heading(parse_sentence(sealed("C" + body)), at)
+        found = parse_heading(parse_sentence(has_checksum("C" + body)), at)
     except MessageError:
         return
     assert found is None or 0.0 <= found.heading_deg < 360.0

@@ -9,7 +9,7 @@ from fakes.simulated import quick_rig, world
 
 from localizer.bundle import load_bundle
 from rig.attitude.kinematics import wrapped_deg
-from rig.check.check import check_devices
+from rig.check.devices import check_devices
 from rig.config.load import load_config
 from rig.errors import DeviceError
 from sim.devices.talker_quirks import BAROMETER_QUIRKS, COMPASS_QUIRKS

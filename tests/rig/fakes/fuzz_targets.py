@@ -22,7 +22,7 @@ from rig.clock import Instant
 from rig.config.load import load_config
 from rig.daemon.control import ControlSocket
 from rig.daemon.odometry.receiver import velocity_in
-from rig.daemon.state import Board
+from rig.daemon.state import DaemonState
 from rig.daemon.triggers import Triggers
 from rig.devices.dynamixel.protocol2 import StatusParser, frame
 from rig.devices.sensors.nmea import parse_heading, parse_pressure, parse_sentence
@@ -41,8 +41,10 @@ def _folder() -> Path:
 
 @cache
 def _control() -> ControlSocket:
-    board = Board()
-    return ControlSocket(_folder() / "s", board, Triggers(board, lambda: None, lambda source: None))
+    daemon_state = DaemonState()
+    return ControlSocket(
+        _folder() / "s", daemon_state, Triggers(daemon_state, lambda: None, lambda source: None)
+    )
 
 
 def control_message(data: bytes) -> None:

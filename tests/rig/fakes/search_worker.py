@@ -28,7 +28,7 @@ NO_FIX = {
     "nuisance": None,
     "timing_s": {},
 }
-STANDING = {
+CAPTURE_INFO = {
     "utc": "2026-11-26T06:00:00+00:00",
     "monotonic_s": None,
     "heading_deg": None,
@@ -73,7 +73,7 @@ def main() -> None:
                 "tracker": {**request["tracker"], "look_evidence": request["tracker"]["look_evidence"] + 1.0},
                 "altitude_m": None,
                 "azimuth_bias_sigma_deg": None,
-                "standing": STANDING,
+                "capture_info": CAPTURE_INFO,
             }
         )
 

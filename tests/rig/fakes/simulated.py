@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rig.capture.capture import capture
+from rig.capture.sequence import capture
 from rig.config.directions import parse_directions
 from rig.config.load import load_config
 from sim.commands.options import EMBEDDED_DEM

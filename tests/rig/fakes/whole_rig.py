@@ -17,7 +17,7 @@ from fakes.servos import POSITION, TORQUE, FakeServo, FakeServoBus
 from rig.attitude.kinematics import Attitude, JointAngles, camera_rotation, head_rotation, pan_stage_rotation
 from rig.config.model import RigConfig
 from rig.devices.readings import AccelerationReading, FieldReading, PressureReading
-from rig.devices.sensors.reviving import Reviving
+from rig.devices.sensors.reconnecting import ReconnectingSensor
 
 WIDTH_PX, HEIGHT_PX, FOCAL_PX = 160, 120, 124.0
 DECLINATION_DEG = 13.0
@@ -186,9 +186,9 @@ def running_rig(monkeypatch: pytest.MonkeyPatch, rig: FakeRig) -> Iterator[Runni
         FakeBarometer(rig, "barometer"),
     )
     names = "open_inclinometer", "open_compass", "open_altimeter"
-    for module in ("rig.devices.connect", "rig.check.check", "rig.watch.sources"):
+    for module in ("rig.devices.connect", "rig.check.devices", "rig.watch.sources"):
         for name, sensor in zip(names, sensors, strict=True):
-            monkeypatch.setattr(f"{module}.{name}", lambda section, s=sensor: Reviving(lambda: s))
+            monkeypatch.setattr(f"{module}.{name}", lambda section, s=sensor: ReconnectingSensor(lambda: s))
     monkeypatch.setattr("rig.devices.pan_tilt._STILL_S", 0.05)  # these servos do not swing
     with FakeServoBus(rig.pan, rig.tilt) as servos, mjpeg_server(rig.picture, rate_hz=40.0) as camera:
         yield RunningRig(rig, servos, camera, sensors)

@@ -12,7 +12,7 @@ import pytest
 from rig.commands.cli import main
 from rig.config.load import load_config
 from rig.errors import RigError
-from rig.service import files, reach
+from rig.service import access_check, files
 
 Run = Callable[..., tuple[int, str, str]]
 
@@ -177,27 +177,27 @@ def test_a_root_that_is_a_file(service: Run, tmp_path: Path) -> None:
     assert (status, err) == (2, f"rig: {tmp_path / 'etc'}: is no folder; choose another --root\n")
 
 
-def test_an_installation_in_a_home_is_told(
+def test_an_installation_in_a_home_is_reported(
     service: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("rig.service.reach.HOMES", (Path(sys.prefix),))
+    monkeypatch.setattr("rig.service.access_check.HOMES", (Path(sys.prefix),))
     assert (
         f"{sys.prefix}/bin/rig: the service may not see homes and could not be started"
         in service("install")[1]
     )
 
 
-def test_an_installation_behind_a_closed_folder_is_told(
+def test_an_installation_behind_a_closed_folder_is_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("rig.service.reach.HOMES", ())
+    monkeypatch.setattr("rig.service.access_check.HOMES", ())
     closed = tmp_path / "closed"
     (closed / "bin").mkdir(parents=True)
     (closed / "bin/rig").touch()
     (closed / "bin").chmod(0o755)
     (closed / "bin/rig").chmod(0o755)
     closed.chmod(0o750)
-    assert reach.unreachable(closed / "bin/rig") == f"{closed}: the user skyfix may not enter it"
+    assert access_check.unreachable(closed / "bin/rig") == f"{closed}: the user skyfix may not enter it"
 
 
 @pytest.mark.parametrize(

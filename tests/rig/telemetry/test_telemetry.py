@@ -15,11 +15,11 @@ from fakes.whole_rig import RunningRig
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
 
-from rig import feed
+from rig import event_bus
 from rig.clock import Instant
 from rig.devices.readings import PressureReading
-from rig.telemetry.reading import TelemetryFile, TelemetryReadError
-from rig.telemetry.writer import TelemetryError, recording
+from rig.telemetry.reader import TelemetryFile, TelemetryReadError
+from rig.telemetry.writer import TelemetryError, recording_telemetry
 
 # Some of Foxglove's schemas, as its documentation has them: what a panel relies on.
 FOXGLOVE_FIELDS = {
@@ -41,9 +41,9 @@ def pressures(count: int) -> list[PressureReading]:
 @pytest.fixture
 def recorded(running: RunningRig, tmp_path: Path) -> Path:
     """A file with 2000 readings."""
-    with recording(tmp_path / "session.mcap", running.config()) as path:
+    with recording_telemetry(tmp_path / "session.mcap", running.config()) as path:
         for reading in pressures(2000):
-            feed.publish(reading)
+            event_bus.publish(reading)
     return path
 
 
@@ -132,7 +132,7 @@ def test_a_file_that_was_cut_off_is_read_as_far_as_it_goes(
 def test_a_name_that_is_taken_gets_a_number(running: RunningRig, tmp_path: Path) -> None:
     names = []
     for _ in range(3):
-        with recording(tmp_path / "s.mcap", running.config()) as path:
+        with recording_telemetry(tmp_path / "s.mcap", running.config()) as path:
             names.append(path.name)
     assert names == ["s.mcap", "s-2.mcap", "s-3.mcap"]
 
@@ -145,18 +145,18 @@ def test_a_disk_that_refuses_ends_the_telemetry_and_not_the_session(
 
     monkeypatch.setattr("rig.telemetry.writer._Recorder._sync", full)
     monkeypatch.setattr("rig.telemetry.writer.SYNC_EVERY_S", 0.0)
-    with recording(tmp_path / "s.mcap", running.config()):
+    with recording_telemetry(tmp_path / "s.mcap", running.config()):
         for reading in pressures(5000):
-            feed.publish(reading)
+            event_bus.publish(reading)
     assert capsys.readouterr().err == (
         f"rig: {tmp_path / 's.mcap'}: cannot be written: No space left on device; "
         "the session goes on without telemetry\n"
     )
 
 
-def test_nobody_is_told_afterwards(recorded: Path) -> None:
+def test_no_listener_is_left_afterwards(recorded: Path) -> None:
     size = recorded.stat().st_size
-    feed.publish(pressures(1)[0])
+    event_bus.publish(pressures(1)[0])
     assert recorded.stat().st_size == size
 
 
@@ -172,7 +172,7 @@ def test_what_cannot_be_read_or_written(
     assert "cannot be read" in one_line(run("telemetry", "info", tmp_path / "none.mcap"))
     with (
         pytest.raises(TelemetryError, match="is no folder"),
-        recording(junk / "x.mcap", running.config()),
+        recording_telemetry(junk / "x.mcap", running.config()),
     ):
         pass
     assert "File exists" in one_line(run("telemetry", "mend", recorded, "--out", junk))

@@ -20,13 +20,13 @@ from rig.errors import TransientError
 from rig.watch import text
 from rig.watch.attitudes import Attitudes, attitudes
 from rig.watch.sources import Reading, Source
-from rig.watch.watcher import SILENT_S, DeviceStatus, Watcher
+from rig.watch.watcher import STALE_AFTER_S, DeviceStatus, Watcher
 
 
 @pytest.fixture
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     """A computer that is busy with other things makes no reading old."""
-    monkeypatch.setattr("rig.watch.watcher.SILENT_S", 60.0)
+    monkeypatch.setattr("rig.watch.watcher.STALE_AFTER_S", 60.0)
 
 
 def wait_for_state(watcher: Watcher, state: str) -> DeviceStatus:
@@ -165,8 +165,10 @@ def test_a_device_that_fails_is_opened_again_until_it_is_back(monkeypatch: pytes
 
 
 def test_a_reading_that_grows_old_is_a_problem_and_stands_for_nothing(running: RunningRig) -> None:
-    old = Reading({"tilt_deg": 1.0, "roll_deg": 2.0, "noise_deg": 0.0}, time.monotonic() - SILENT_S - 1.0)
-    status = DeviceStatus("inclinometer", "ok", "chip", old, None, 0).at_this_moment()
+    old = Reading(
+        {"tilt_deg": 1.0, "roll_deg": 2.0, "noise_deg": 0.0}, time.monotonic() - STALE_AFTER_S - 1.0
+    )
+    status = DeviceStatus("inclinometer", "ok", "chip", old, None, 0).with_staleness()
     assert status.state == "silent"
     assert status.problem is not None
     assert status.problem.startswith("no reading for ")

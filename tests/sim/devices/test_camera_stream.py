@@ -50,7 +50,7 @@ def test_opencv_reads_frames_in_order(camera: CameraStream) -> None:
     assert frames[0][1].shape == (48, 64, 3)
 
 
-def test_nothing_is_drawn_while_nobody_looks(camera: CameraStream, scene: Scene) -> None:
+def test_nothing_is_rendered_without_a_client(camera: CameraStream, scene: Scene) -> None:
     time.sleep(0.1)
     assert next(scene.drawn) == 0
 
@@ -62,7 +62,7 @@ def test_another_path_is_not_found(camera: CameraStream) -> None:
     connection.close()
 
 
-def test_closing_ends_a_stream_that_nobody_reads(scene: Scene) -> None:
+def test_closing_ends_an_unread_stream(scene: Scene) -> None:
     before = threading.active_count()
     camera = CameraStream(scene, rate_hz=1000.0)
     connection = http.client.HTTPConnection(camera.url.split("/")[2], timeout=2)

@@ -288,7 +288,7 @@ def test_time_based_profile_takes_its_time(clock: Clock) -> None:
     assert (number(servo, 122, 1), number(servo, 132, 4)) == (0, 3048)
 
 
-def test_velocity_mode_turns_until_told_otherwise(servo: Servo, clock: Clock) -> None:
+def test_velocity_mode_turns_until_another_goal(servo: Servo, clock: Clock) -> None:
     servo.write(11, b"\x01")
     servo.write(64, b"\x01")
     servo.write(104, u32(100))

@@ -73,7 +73,7 @@ def talker() -> Iterator[Talker]:
     talker.close()
 
 
-def test_a_listener_hears_whole_sentences_at_the_rate(talker: Talker) -> None:
+def test_a_listener_receives_whole_sentences_at_the_rate(talker: Talker) -> None:
     with serial.Serial(talker.path, 4800, timeout=1.0) as port:
         port.reset_input_buffer()
         port.readline()
@@ -90,7 +90,7 @@ def test_another_baud_rate_gives_garbage(talker: Talker) -> None:
         assert b"$HCHDM" not in port.read(100)
 
 
-def test_what_nobody_reads_does_not_pile_up(talker: Talker) -> None:
+def test_unread_output_does_not_accumulate(talker: Talker) -> None:
     with serial.Serial(talker.path, 4800, timeout=0.3) as port:
         time.sleep(0.3)
         assert 0 < port.in_waiting < 4096

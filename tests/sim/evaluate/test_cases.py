@@ -8,7 +8,7 @@ import pytest
 from sim.evaluate.case import true_surface
 from sim.evaluate.disturb import contour_noise, disturb, true_contours
 from sim.evaluate.scenario import DemError, EvaluationScenario, load_evaluation_scenario
-from sim.evaluate.searched import beyond, searched_terrain
+from sim.evaluate.searched_dem import beyond, searched_terrain
 from sim.evaluate.truth import case_generators, draw_truth, with_errors
 
 SCENARIOS = Path(__file__).parents[3] / "configs" / "scenarios" / "evaluate"

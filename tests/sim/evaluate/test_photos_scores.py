@@ -30,7 +30,7 @@ def test_errors_are_scaled_to_a_width_of_1000_px():
     assert score.error_px == pytest.approx(4.0)
 
 
-def test_all_columns_and_confident_columns_are_told_apart():
+def test_all_columns_and_confident_columns_are_distinguished():
     score = score_skyline(
         found([1.0, 2.0, 3.0, 4.0], [1.0, 0.9, 0.2, 0.5]), np.array([1.0, 1.0, 1.0, 1.0]), 9
     )
@@ -51,7 +51,7 @@ def test_columns_whose_skyline_is_unknown_or_outside_the_picture_do_not_count():
     assert score.confident_share == 1.0
 
 
-def test_a_nearer_ridge_and_a_cloud_are_told_apart():
+def test_a_nearer_ridge_and_a_cloud_are_distinguished():
     truth = np.full(1000, 50.0)
     rows = np.full(1000, 50.0)
     nearer, cloud = rows.copy(), rows.copy()

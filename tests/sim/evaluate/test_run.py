@@ -152,7 +152,7 @@ def test_a_bad_scenario_ends_with_one_line_and_status_2(
     ("folder", "said"),
     [("", "the name of the folder is empty"), ("/proc/self/out", "--out: /proc/self/out: cannot be written")],
 )
-def test_a_folder_that_cannot_be_written_is_told_before_the_cases(
+def test_an_unwritable_folder_is_reported_before_the_cases(
     folder: str,
     said: str,
     crop: Path,

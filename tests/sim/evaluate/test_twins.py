@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from sim.errors import SimulationError
 from sim.evaluate.case import case_generators
 from sim.evaluate.scenario import EvaluationScenario, load_evaluation_scenario
-from sim.evaluate.searched import terrain_of_twins
+from sim.evaluate.searched_dem import terrain_of_twins
 from sim.evaluate.twins import draw_twins
 from sim.world.surface import Surface
 from sim.world.terrain import read_terrain

@@ -90,7 +90,7 @@ def test_the_camera_follows_the_servos(world: World) -> None:
         assert not world.head.moving
 
 
-def test_the_truth_lies_beside_the_configuration(world: World) -> None:
+def test_the_truth_is_next_to_the_configuration(world: World) -> None:
     with simulated_rig(world, picture=draw) as rig:
         assert set(rig.environment) == {"SKYFIX_CONFIG", "SKYFIX_TRUTH"}
         truth = json.loads(Path(rig.environment["SKYFIX_TRUTH"]).read_text())

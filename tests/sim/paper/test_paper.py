@@ -49,7 +49,7 @@ def test_the_means_are_less_than_a_tenth_of_the_papers(capsys):
     assert found["mean_error_sigma5"] < 0.1
 
 
-def test_the_claimed_accuracy_stands_beside_every_error(capsys):
+def test_the_claimed_accuracy_is_shown_with_every_error(capsys):
     row = Row((150.2, 100.8), 342, 7, 1000, "fix", "fix", 0.011, 0.04, 0.5, 1.0, 0.02, 0.05)
     print_table([dataclasses.replace(row, actual=run.actual) for run in TABLE_I])
     told = capsys.readouterr().out

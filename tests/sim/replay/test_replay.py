@@ -10,18 +10,19 @@ from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rig.check.check import check_devices, check_inclinometer
+from rig.check.devices import check_devices, check_inclinometer
 from rig.config.load import load_config
-from rig.devices.bus import tap
+from rig.devices.bus import monitor
 from rig.devices.bus.deadline import Deadline
 from rig.devices.bus.serial_port import SerialPort
 from rig.devices.sensors.mmc5983ma import Mmc5983ma
-from rig.devices.wire_log import recording
+from rig.devices.wire_log import recording_wire_log
 from sim.commands.cli import sim
 from sim.devices.dynamixel_packet import Instruction, packet
 from sim.replay.devices import ReplayedChip, ReplayedServos, whole_lines
-from sim.replay.recorded import Asked, Recorded, epoch_heard
-from sim.replay.replay import load_log, replaying
+from sim.replay.log_file import load_log
+from sim.replay.playback import replaying
+from sim.replay.response_lookup import RecordedExchange, ResponseLookup, epoch_heard
 
 LOGS = sorted((Path(__file__).parents[2] / "logs").glob("*.log"))
 
@@ -73,8 +74,10 @@ def test_set_and_reset_stay_apart_however_many_readings_are_taken(recorded: int,
 
 @given(st.lists(st.sampled_from("abcAB"), min_size=1, max_size=40), st.data())
 def test_the_same_requests_get_the_same_answers(requests: list[str], data: st.DataObject) -> None:
-    exchanges = [Asked(request, number, request.isupper()) for number, request in enumerate(requests)]
-    recorded = Recorded(exchanges)
+    exchanges = [
+        RecordedExchange(request, number, request.isupper()) for number, request in enumerate(requests)
+    ]
+    recorded = ResponseLookup(exchanges)
     assert [recorded.answer(request) for request in requests] == list(range(len(requests)))
     again = data.draw(st.lists(st.sampled_from("abcABx"), max_size=30))
     for request in again:  # whatever is asked then: an answer to that, or none where it was never made
@@ -86,9 +89,9 @@ def test_the_same_requests_get_the_same_answers(requests: list[str], data: st.Da
 def test_fewer_and_more_polls_change_no_reading() -> None:
     log = [("go", None), *[("poll", 0)] * 3, ("poll", 1), ("read", "first")]
     log += [("go", None), ("poll", 0), ("poll", 1), ("read", "second")]
-    exchanges = [Asked(request, answer, request == "go") for request, answer in log]
+    exchanges = [RecordedExchange(request, answer, request == "go") for request, answer in log]
     for polls in (1, 3, 9):
-        recorded = Recorded(exchanges)
+        recorded = ResponseLookup(exchanges)
         found = []
         for _ in range(2):
             recorded.answer("go")
@@ -100,8 +103,8 @@ def test_fewer_and_more_polls_change_no_reading() -> None:
 
 def test_a_poll_that_the_end_of_the_log_cuts_off_is_answered_from_before() -> None:
     log = [("poll", 0), ("poll", 1), ("read", "a"), ("poll", 0), ("poll", 1), ("read", "b"), ("poll", 0)]
-    exchanges = [Asked(request, answer, False) for request, answer in log]
-    recorded = Recorded(exchanges, cut_polls_go_on=True)
+    exchanges = [RecordedExchange(request, answer, False) for request, answer in log]
+    recorded = ResponseLookup(exchanges, cut_polls_go_on=True)
     found = []
     for _ in range(5):
         while recorded.answer("poll") == 0:
@@ -109,19 +112,23 @@ def test_a_poll_that_the_end_of_the_log_cuts_off_is_answered_from_before() -> No
         found.append(recorded.answer("read"))
     assert found == ["a", "b", "a", "b", "a"]
     assert recorded.ran_out
-    still = Recorded(exchanges)
+    still = ResponseLookup(exchanges)
     assert [still.answer("poll") for _ in range(3)] == [0, 1, 1]
 
 
 def test_what_is_asked_at_a_stop_is_answered_from_that_stop() -> None:
     now = 0
-    exchanges = [Asked("level", (stop, number), False, stop) for stop in (2, 4) for number in range(3)]
+    exchanges = [
+        RecordedExchange("level", (stop, number), False, stop) for stop in (2, 4) for number in range(3)
+    ]
     spaced = [
         each
-        for pair in zip(exchanges, [Asked("ready", 1, False, e.epoch) for e in exchanges], strict=True)
+        for pair in zip(
+            exchanges, [RecordedExchange("ready", 1, False, e.epoch) for e in exchanges], strict=True
+        )
         for each in pair
     ]
-    recorded = Recorded(spaced, lambda: now)
+    recorded = ResponseLookup(spaced, lambda: now)
 
     def levels(count: int) -> list[Any]:
         found = []
@@ -196,7 +203,7 @@ def test_a_log_passes_the_check_that_it_was_recorded_of(log: Path) -> None:
         assert played.notes.lines(failed=False) == []
 
 
-def test_devices_that_the_log_does_not_hold_are_played_too_and_told(tmp_path: Path) -> None:
+def test_devices_missing_in_the_log_are_played_too_and_reported(tmp_path: Path) -> None:
     """Not the real ones: the log's configuration names those of the vehicle."""
     lines = LOGS[0].read_text().splitlines()
     of_servos = [line for line in lines[1:] if '"port"' in line]
@@ -211,7 +218,7 @@ def test_devices_that_the_log_does_not_hold_are_played_too_and_told(tmp_path: Pa
     assert told[-1].startswith("the log ends after ")
 
 
-def test_a_talker_that_the_log_does_not_hold_is_told(tmp_path: Path) -> None:
+def test_a_talker_missing_in_the_log_is_reported(tmp_path: Path) -> None:
     lines = LOGS[3].read_text().splitlines()  # a compass and a barometer that talk
     without = [line for line in lines[1:] if '"port"' not in line or '"sent"' in line]
     (tmp_path / "chips.log").write_text("\n".join([lines[0], *without]) + "\n")
@@ -269,11 +276,11 @@ def test_a_full_disk_under_the_log_is_not_blamed_on_a_device(
 ) -> None:
     with replaying(LOGS[0]) as played:
         config = load_config(played.config_path)
-        with recording(tmp_path / "x.log", config):
-            tap.serial_bytes("a", "sent", b"1")
+        with recording_wire_log(tmp_path / "x.log", config):
+            monitor.serial_bytes("a", "sent", b"1")
             monkeypatch.setattr("rig.devices.wire_log.json.dumps", full)
-            tap.serial_bytes("a", "sent", b"2")
-            tap.serial_bytes("a", "sent", b"3")
+            monitor.serial_bytes("a", "sent", b"2")
+            monitor.serial_bytes("a", "sent", b"3")
     assert [record.getMessage().split(";")[0] for record in caplog.records] == [
         f"{tmp_path / 'x.log'}: cannot be written: No space left on device"
     ]
@@ -293,8 +300,8 @@ def test_no_url_of_the_camera_is_in_a_log(tmp_path: Path) -> None:
                 "exposure_url": "http://user:secret@camera/set?ev={ev}",
             }
         )
-        with recording(tmp_path / "x.log", config.model_copy(update={"camera": camera})):
-            tap.serial_bytes("a", "sent", b"1")
+        with recording_wire_log(tmp_path / "x.log", config.model_copy(update={"camera": camera})):
+            monitor.serial_bytes("a", "sent", b"1")
     assert "secret" not in (tmp_path / "x.log").read_text()
     with replaying(tmp_path / "x.log") as played:
         camera = load_config(played.config_path).camera

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from sim.errors import SimulationError
 from sim.world.scenario import Scenario
-from sim.world.truth import Air, World
+from sim.world.true_values import Air
+from sim.world.truth import World
 
 WriteDem = Callable[..., Path]
 
@@ -112,7 +113,7 @@ def test_the_field_is_the_magnetic_model_turned_by_the_local_anomaly(world: Worl
     assert np.degrees(np.arctan2(-field[2], np.hypot(*field[:2]))) == pytest.approx(60.7, abs=0.7)
 
 
-def test_iron_beside_the_rig_adds_to_the_field(santa_cruz: Path, world: World) -> None:
+def test_iron_near_the_rig_adds_to_the_field(santa_cruz: Path, world: World) -> None:
     beside = World.create(
         [santa_cruz], scenario(compass={"disturbance_enu_ut": [3.0, -5.0, 2.0]}), world.seed
     )
