@@ -80,10 +80,10 @@ def import_(archive: Path, out_dir: Path, as_json: bool) -> None:
             if not is_new:
                 click.echo(f"{place} was there already", err=True)
     if strays:
-        click.echo(f"{archive}: left out what no bundle lists: {named_first(strays)}", err=True)
+        click.echo(f"{archive}: left out what no bundle lists: {first_names(strays)}", err=True)
 
 
-def named_first(strays: list[str]) -> str:
+def first_names(strays: list[str]) -> str:
     """The first few file names."""
     more = f" and {len(strays) - 3} more" if len(strays) > 3 else ""
     return f"{', '.join(map(repr, strays[:3]))}{more}"

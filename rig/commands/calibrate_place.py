@@ -9,7 +9,7 @@ import click
 
 from localizer.commands.command_line import FiniteRange
 from rig.commands.calibrate_options import (
-    Asked,
+    CommonOptions,
     at_option,
     calibration_run_options,
     dem_option,
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     "--directions", type=click.IntRange(4, 24), default=8, show_default=True, help="To look in, all round."
 )
 def boresight(
-    asked: Asked,
+    common: CommonOptions,
     at: str | None,
     dem_paths: tuple[Path, ...],
     sigmas: "PlaceSigmas",
@@ -47,8 +47,8 @@ def boresight(
 
     from rig.calibrate.boresight.procedure import calibrate_boresight
 
-    with asked.session() as session:
-        calibrate_boresight(session, known_place_of(at, dem_paths), sigmas, directions)
+    with common.calibration_run() as calibration_run:
+        calibrate_boresight(calibration_run, known_place_of(at, dem_paths), sigmas, directions)
 
 
 @click.command()

@@ -186,21 +186,21 @@ def _take_series(
     from rig.capture.progress import console_progress
     from rig.capture.sequence import capture as take
     from rig.series.console import SeriesConsole
-    from rig.series.journal import Plan, begin_series, held, unfinished_series
+    from rig.series.journal import Plan, begin_series, locked_series, unfinished_series
     from rig.series.run import take_series
     from rig.series.space import require_space
 
     require_writable(out_dir)
     plan = Plan(repeat, every_s, tuple(direction.label for direction in directions), config.rig.name)
     unfinished = None if fresh else unfinished_series(out_dir, plan)
-    require_space(out_dir, config, len(unfinished.left()) if unfinished else repeat, len(directions))
+    require_space(out_dir, config, len(unfinished.remaining()) if unfinished else repeat, len(directions))
     folder = (unfinished or begin_series(out_dir, plan)).folder
 
     def once(into: Path, remarks: Mapping[str, Any]) -> Path:
         with console_progress(1 + len(directions)) as report:
             return take(config, directions, into, report, remarks)
 
-    with held(folder) as series:
+    with locked_series(folder) as series:
         reports = SeriesConsole(series, as_json)
         reports.begins(goes_on=unfinished is not None)
         try:

@@ -69,7 +69,7 @@ def _answer(config_file: Path | None, request: str) -> dict[str, Any]:
     """The daemon's answer. A daemon that still runs with an earlier version of a now invalid configuration is found
     too.
     """
-    from rig.daemon.control import ControlError, ask
+    from rig.daemon.control import ControlError, send_request
     from rig.daemon.main_loop import run_of
 
     path = config_path(config_file)
@@ -78,7 +78,7 @@ def _answer(config_file: Path | None, request: str) -> dict[str, Any]:
     except (ConfigError, CalibrationError) as error:
         control = control_socket_of_invalid_config(path)
         try:
-            answer = ask(control, request) if control else None
+            answer = send_request(control, request) if control else None
         except ControlError:
             answer = None
         if answer is None:
@@ -86,4 +86,4 @@ def _answer(config_file: Path | None, request: str) -> dict[str, Any]:
         click.echo(f"rig: {error}; the daemon goes on with what it has read before, and answers", err=True)
         return answer
     assert run.control  # filled in when the file was read
-    return ask(run.control, request)
+    return send_request(run.control, request)

@@ -15,7 +15,7 @@ from rig.commands.signals import stopping_cleanly
 from rig.config.load import config_path, load_config
 
 DEVICES = ("head", "inclinometer", "compass", "altimeter", "camera")
-HEARD_S = 15.0
+FIRST_READINGS_S = 15.0
 """An absent camera or port has failed by then."""
 
 
@@ -95,7 +95,7 @@ def watch(
 
         try:
             if once or not table:
-                watcher.wait_first_readings(min(HEARD_S, end_s - time.monotonic()))
+                watcher.wait_first_readings(min(FIRST_READINGS_S, end_s - time.monotonic()))
             if once:
                 say(show())
             elif table:

@@ -91,7 +91,7 @@ def evaluate(
 
     from sim.evaluate.case import Experiment
     from sim.evaluate.image_level import refuse_contour_faults
-    from sim.evaluate.progress import counting
+    from sim.evaluate.progress import case_progress
     from sim.evaluate.run import run_cases
     from sim.evaluate.scenario import load_evaluation_scenario
     from sim.evaluate.summary_files import write_summary
@@ -104,7 +104,7 @@ def evaluate(
     experiment = Experiment(dem_paths, scenario, seed, level, estimator_only)
     prepare_folder("--out", folder)
     numbers = sorted(set(only)) or list(range(cases))
-    with counting(len(numbers)) as report:
+    with case_progress(len(numbers)) as report:
         rows = run_cases(experiment, numbers, folder / "cases.csv", jobs, fresh, report)
     text = write_summary(rows, scenario_path.stem, folder)
     click.echo((folder / "summary.json").read_text(encoding="utf-8").strip() if as_json else text)

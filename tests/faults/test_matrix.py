@@ -21,7 +21,7 @@ from localizer.errors import SkyfixError
 from rig.attitude.kinematics import wrapped_deg
 from rig.devices.pan_tilt import PanTilt
 from sim.faults.catalogue import CATALOGUE, DEVICES
-from sim.faults.player import steps
+from sim.faults.injector import steps
 from sim.faults.script import Fault, parse_faults
 from sim.launch.child_command import find_command
 

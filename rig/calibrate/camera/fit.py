@@ -161,7 +161,7 @@ def _require_plausible(fit: CameraFit, size_px: tuple[int, int]) -> None:
                 f"camera: {key} {value[key]:.0f} lies far from the middle of {size} px; tilt the board more, or is the "
                 "picture cropped?"
             )
-    if _folds(fit.values, size_px):
+    if _is_non_monotonic(fit.values, size_px):
         raise CalibrationError(
             "camera: its distortion folds the picture over before the corners; show the board in the corners too"
         )
@@ -172,7 +172,7 @@ def _require_plausible(fit: CameraFit, size_px: tuple[int, int]) -> None:
         )
 
 
-def _folds(values: dict[str, float], size_px: tuple[int, int]) -> bool:
+def _is_non_monotonic(values: dict[str, float], size_px: tuple[int, int]) -> bool:
     """Whether the distortion model is non-monotonic within the picture."""
     width, height = size_px
     corners_px = [(0.0, 0.0), (width - 1.0, 0.0), (0.0, height - 1.0), (width - 1.0, height - 1.0)]

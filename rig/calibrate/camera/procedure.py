@@ -22,7 +22,7 @@ from rig.devices.camera.driver import Camera
 
 STILL_PX = 0.5
 NEW_SHARE = 0.05  # of the width: least movement of the corners from any other view
-PATIENCE_S = 60.0
+IDLE_TIMEOUT_S = 60.0
 
 
 def calibrate_camera(
@@ -118,7 +118,7 @@ def views_from_camera(
     views: list[TargetView] = []
     before: TargetView | None = None
     newest_s = time.monotonic()
-    while time.monotonic() - newest_s < PATIENCE_S:
+    while time.monotonic() - newest_s < IDLE_TIMEOUT_S:
         frame = camera.frame_after(time.monotonic())
         view = board.find(f"view {len(views) + 1}", frame.image_bgr)
         if view and before and is_still(view, before) and is_new(view, views, size_px[0]):

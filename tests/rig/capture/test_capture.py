@@ -219,7 +219,7 @@ def test_interrupted_while_measuring(running: RunningRig, tmp_path: Path) -> Non
 
 
 def test_the_camera_stalls(running: RunningRig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rig.capture.pictures.take.WITHIN_S", 1.5)
+    monkeypatch.setattr("rig.capture.pictures.take.TIME_LIMIT_S", 1.5)
 
     def stall() -> None:
         if running.rig.readings_taken == 3:

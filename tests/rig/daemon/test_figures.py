@@ -92,7 +92,7 @@ def test_what_it_takes(request: pytest.FixtureRequest, rig: SimulatedRig, tmp_pa
             report("seconds from start to READY", ready_s)
             report("seconds of processor in the daemon until then", used_s)
             say_memory(daemon, "before the first capture")
-            assert daemon.ask("trigger") == {"answer": "started"}
+            assert daemon.send_request("trigger") == {"answer": "started"}
             daemon.until_idle(answers=1)
             time.sleep(SETTLED_S)
             say_memory(daemon, "after a capture")

@@ -364,8 +364,8 @@ def test_the_loop_gives_proof_of_its_work(monkeypatch):
     heartbeats, daemon_state = Heartbeats(), DaemonState()
     with publishing(MavlinkOutput(connection="udpout:127.0.0.1:1"), daemon_state, heartbeats):
         until(lambda: link_of(daemon_state).state == "failing")
-        assert heartbeats.stuck() == ()
-    assert heartbeats.stuck() == ()
+        assert heartbeats.stalled() == ()
+    assert heartbeats.stalled() == ()
 
 
 FIX = published(

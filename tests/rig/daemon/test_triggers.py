@@ -71,7 +71,7 @@ class TestNextConfiguration:
         loop, triggers, _ = self.a_loop(daemon_state, taken)
         assert triggers.trigger("command") == "started"
         triggers.stop()
-        loop.give_up()
+        loop.on_shutdown()
         assert taken == ["command interrupted"]
 
 
