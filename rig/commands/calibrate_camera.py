@@ -22,7 +22,7 @@ from rig.commands.calibrate_options import (
 )
 @click.option("--views", type=click.IntRange(10, 200), default=25, show_default=True, help="To take live.")
 def camera(common: CommonOptions, board_text: str, images: str | None, views: int) -> None:
-    """Intrinsics and distortion of the camera, from views of a board (see rig calibrate board).
+    """Calibrate intrinsics and distortion of the camera from views of a calibration target (see rig calibrate board).
 
     \b
     Examples:
@@ -43,7 +43,8 @@ def camera(common: CommonOptions, board_text: str, images: str | None, views: in
 )
 @json_option
 def board(board_text: str, path: Path, as_json: bool) -> None:
-    """Draw the board for the printer: 300 dots an inch, true size. Glue it to something flat and measure a square.
+    """Draw the calibration target for printing: 300 dots per inch, true size. Glue it to something flat and measure a
+    square.
 
     Example: rig calibrate board --out board.png
     """

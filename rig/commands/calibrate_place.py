@@ -36,7 +36,7 @@ def boresight(
     sigmas: "PlaceSigmas",
     directions: int,
 ) -> None:
-    """How the camera sits against head and sensors, from the skyline that the DEM has at a known place.
+    """Calibrate the camera's mounting in the head, and the heading offset, from the DEM's skyline at a known place.
 
     Example: rig calibrate boresight --at 37.2012,-122.1034 --dem terrain.tif
     """
@@ -79,7 +79,7 @@ def sites(
     count: int,
     as_json: bool,
 ) -> None:
-    """Where to calibrate the boresight: places whose skyline is far and rugged, best first.
+    """Recommend places for the boresight calibration, with a far and rugged skyline, best first.
 
     \b
     Examples:

@@ -34,7 +34,7 @@ def inclinometer(
     angles: int,
     temperature_log: Path | None,
 ) -> None:
-    """Zero, scale and mounting of the inclinometer, by turning the head; the vehicle's slope comes with it.
+    """Calibrate zero, scale and mounting of the inclinometer by moving the head; the vehicle may stand on a slope.
 
     Example: rig calibrate inclinometer --angles 12
     """
@@ -52,7 +52,7 @@ def inclinometer(
 @click.option("--minutes", type=FiniteRange(0.0), default=60.0, show_default=True)
 @json_option
 def temperature_log_(config_file: Path | None, path: Path, minutes: float, as_json: bool) -> None:
-    """Log the inclinometer of a head that does not move while the day warms or cools it.
+    """Log the inclinometer of a stationary head while the temperature changes.
 
     Example: rig calibrate temperature-log --out drift.csv --minutes 240
     """
@@ -81,7 +81,7 @@ def temperature_log_(config_file: Path | None, path: Path, minutes: float, as_js
     "--angles", type=click.IntRange(4, 36), default=6, show_default=True, help="Pan angles at each heading."
 )
 def compass(common: CommonOptions, headings: int, angles: int) -> None:
-    """Hard and soft iron of the pan stage, by turning the pan, and of the vehicle, by turning the vehicle.
+    """Calibrate hard and soft iron of the pan stage, by turning the pan, and of the vehicle, by turning the vehicle.
 
     \b
     Examples:
@@ -130,7 +130,8 @@ def altimeter(
     air_c: float | None,
     drift_m_h: float,
 ) -> None:
-    """The air pressure at a known altitude, or at a known place on a DEM; its trust fades from then on.
+    """Calibrate the reference pressure at a known altitude, or at a known place on a DEM; the altitude's sigma then
+    grows with time.
 
     \b
     Examples:

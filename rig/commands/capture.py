@@ -85,13 +85,13 @@ def capture(
 ) -> int:
     """Take a measurement bundle: level and heading of the vehicle, then a frame in each direction.
 
-    Prints the bundle's directory, and with --locate the fix after it; ends with the status of localizer locate
-    then. Ctrl-C ends it with the head relaxed and nothing half-written.
+    Prints the bundle's directory, and with --locate the fix after it; the exit status is then that of localizer locate.
+    Ctrl-C ends it with the torque off and no partial files.
 
-    With --repeat a series: its folder holds the bundles, a picture of each with the skylines found, and series.jsonl, which is
-    kept so that the same command goes on where Ctrl-C, a crash or a power cut stopped it. Space for all of it is checked
-    beforehand. A capture that fails does not end it; a summary says at the end what failed and why, how far the readings
-    spread and how long it took, and the status is 2 where any failed.
+    With --repeat a series: its folder holds the bundles, a picture of each with the skylines found, and the journal
+    series.jsonl, so that the same command resumes after Ctrl-C, a crash or a power cut. Disk space for the whole series
+    is checked beforehand. A failed capture does not end it; a summary at the end shows failures and their reasons, the
+    spread of the readings and the duration, and the status is 2 if any failed.
 
     \b
     Examples:

@@ -19,10 +19,10 @@ EXIT_STATUS = {"started": 0, "busy": 3, "not ready": 4, "stopping": 5}
 @click.command()
 @config_option
 def run(config_file: Path | None) -> None:
-    """Capture, locate and publish until told to stop: what the vehicle lives with.
+    """Capture, locate and publish as the vehicle's service, until stopped.
 
-    [run] of the configuration says when to capture and where to publish. SIGTERM or Ctrl-C ends it with the head let go,
-    SIGHUP has the configuration read anew (a bad one is refused as a whole), SIGUSR1 takes a capture.
+    [run] of the configuration sets the triggers and publishers. SIGTERM or Ctrl-C stops it with the torque off, SIGHUP
+    reloads the configuration (an invalid one is refused as a whole), SIGUSR1 takes a capture.
 
     \b
     Examples:
@@ -38,10 +38,10 @@ def run(config_file: Path | None) -> None:
 @config_option
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def trigger(config_file: Path | None, as_json: bool) -> int:
-    """Ask the running daemon for a capture, and print its answer; the capture itself takes longer.
+    """Request a capture from the running daemon, and print its answer; the capture itself takes longer.
 
-    Ends with status 0 where one has been started, 3 busy, 4 not ready (it says why), 5 stopping; 2 where no rig run of this
-    configuration is there.
+    Ends with status 0 if it was started, 3 busy, 4 not ready (with the reason), 5 stopping; 2 if no rig run of this
+    configuration is running.
 
     Example: rig trigger --config vehicle.toml
     """

@@ -71,13 +71,13 @@ def evaluate(
     fresh: bool,
     as_json: bool,
 ) -> int:
-    """Make many cases, locate each, and sum up how that went.
+    """Make many cases, locate each, and compute summary statistics.
 
-    Writes cases.csv, summary.json, summary.md and plots. The same seed makes the same cases, however many jobs there
-    are; an interrupted run continues where it was.
+    Writes cases.csv, summary.json, summary.md and plots. The same seed makes the same cases for any number of jobs; an
+    interrupted run can be resumed.
 
-    With --photos: how well skylines are found in real photographs, and places by them; --out may be left out. Ends with 5
-    where another place was called the fix.
+    With --photos: evaluates skylines in real photographs, and positions from them; --out is optional. Ends with 5 if a
+    wrong place got a fix.
 
     Example: sim evaluate --dem dem.tif --scenario configs/scenarios/evaluate/realistic.toml --cases 200 --out results
     """

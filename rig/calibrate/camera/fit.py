@@ -95,20 +95,20 @@ class _Solved:
 
 def _calibrate(views: Sequence[TargetView], size_px: tuple[int, int], fixed_k3: bool) -> _Solved:
     flags = cv2.CALIB_FIX_K3 if fixed_k3 else 0
-    boards = [view.target_mm.astype(np.float32) for view in views]
+    all_corners_mm = [view.target_mm.astype(np.float32) for view in views]
     images = [view.image_px.astype(np.float32) for view in views]
     guess, none = np.eye(3), np.zeros(5)
     try:
         rms, matrix, distortion, turns, shifts, sigmas, _, per_view = cv2.calibrateCameraExtended(
-            boards, images, size_px, guess, none, flags=flags
+            all_corners_mm, images, size_px, guess, none, flags=flags
         )
     except cv2.error as error:
         raise CalibrationError(
             "camera: OpenCV finds no lens that gives these views; show the board whole, flat and tilted in all directions"
         ) from error
     residuals = []
-    for board, image, turn, shift in zip(boards, images, turns, shifts, strict=True):
-        projected, _ = cv2.projectPoints(board, turn, shift, matrix, distortion)
+    for corners_mm, image, turn, shift in zip(all_corners_mm, images, turns, shifts, strict=True):
+        projected, _ = cv2.projectPoints(corners_mm, turn, shift, matrix, distortion)
         residuals.append(np.asarray(image, float) - np.asarray(projected, float).reshape(-1, 2))
     k = np.asarray(distortion, float).ravel()[:5]
     parameters = np.array([matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], *k])

@@ -252,7 +252,7 @@ def test_a_size_that_the_driver_snaps_to_another_is_refused(opened: Any) -> None
 
 
 def test_keys_for_a_driver_do_not_go_with_a_stream() -> None:
-    with pytest.raises(ValidationError, match="gain is told to the driver"):
+    with pytest.raises(ValidationError, match="gain is set in the driver"):
         section(source="http://camera/stream.mjpg", gain=3.0)
 
 
