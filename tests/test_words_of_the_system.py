@@ -1,4 +1,4 @@
-"""What the operating system refuses is told in its words, with what to do about that very refusal."""
+"""Messages for refusals of the operating system, with what to do about each."""
 
 import errno
 import os

@@ -1,4 +1,4 @@
-"""Where the skyline is far a boresight is worth more, and ``rig calibrate sites`` says where that is."""
+"""A far skyline determines the boresight better, and ``rig calibrate sites`` finds such places."""
 
 import numpy as np
 import pytest

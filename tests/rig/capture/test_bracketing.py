@@ -1,4 +1,4 @@
-"""A sky that takes the ridge with it is photographed darker, where the camera lets itself be told."""
+"""Exposure bracketing of an overexposed sky, if the exposure is settable."""
 
 import math
 from collections.abc import Iterator
@@ -39,7 +39,7 @@ def view(light: float) -> np.ndarray[Any, np.dtype[np.uint8]]:
 
 
 class Told:
-    """A camera whose pictures have twice the light, and less as it is told."""
+    """An overexposed camera (twice the light) with a settable exposure."""
 
     name = "camera"
     exposure_is_settable = True

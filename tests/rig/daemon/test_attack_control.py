@@ -1,4 +1,4 @@
-"""The control socket, and what is asked of a daemon: nobody holds it up or ends it, and its answers are honest."""
+"""The control socket and the daemon's requests: no client blocks or ends the daemon, and answers are correct."""
 
 import json
 import os
@@ -281,7 +281,7 @@ def test_a_quota_full_of_waiting_bundles_is_reported_before_the_capture_too(tmp_
 
 
 def a_loop(path: Path) -> tuple[MainLoop, DaemonState, "queue.SimpleQueue[Any]"]:
-    """The daemon's main loop with nothing behind it, which reads its configuration anew from ``path``."""
+    """The daemon's main loop without other parts; it reloads its configuration from ``path``."""
     config = load_config(EXAMPLE)
     assert config.run
     daemon_state, terrain = DaemonState(), Future[None]()
@@ -326,7 +326,7 @@ def test_a_missing_dem_is_reported_with_key_file_and_advice(tmp_path: Path) -> N
 
 
 def test_rig_run_ends_at_once_where_a_file_that_it_names_is_missing(tmp_path: Path) -> None:
-    """Before anything of the rig is spoken to: none of its devices exists here, and no word is about them."""
+    """Before any device is used: none exists here, and none is mentioned."""
     path = tmp_path / "vehicle.toml"
     text = EXAMPLE.read_text()
     path.write_text(text)

@@ -1,4 +1,4 @@
-"""What the daemon takes: seconds from its start to READY, processor and memory while it has nothing to do. Printed, not judged.
+"""Resources of the daemon: seconds from its start to READY, processor and memory when idle. Printed, not checked.
 
 ``pytest tests/rig/daemon/test_figures.py -m long -s``; on a computer that does nothing else, for the simulated rig beside it
 and whatever else runs are in the figures. ``--starts`` and ``--idle-s`` say how often and how long it is looked at.

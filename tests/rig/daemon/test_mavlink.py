@@ -1,4 +1,4 @@
-"""What an autopilot hears of ``[run.mavlink]``: decoded by pymavlink at the other end of real sockets and ports."""
+"""``[run.mavlink]`` as received by an autopilot, decoded by pymavlink from real sockets and ports."""
 
 import math
 import os
@@ -250,7 +250,7 @@ def test_a_sender_to_udpin_is_answered():
 
 @pytest.mark.parametrize("messages", [("GPS_INPUT",), ("EXTERNAL_POSITION_ESTIMATE",)])
 def test_an_autopilot_that_comes_in_the_middle_of_a_fix_still_gets_it(messages):
-    """A fix that went out while nobody was there would else be lost: GPS_INPUT has no acknowledgement."""
+    """GPS_INPUT has no acknowledgement, so a fix sent without a receiver would be lost."""
     kind = "GPS_INPUT" if messages == ("GPS_INPUT",) else "COMMAND_INT"
 
     def is_fix(message):

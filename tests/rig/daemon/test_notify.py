@@ -1,4 +1,4 @@
-"""What the service manager hears: real datagrams on a real socket."""
+"""Notifications to the service manager: real datagrams on a real socket."""
 
 import logging
 import os

@@ -193,7 +193,7 @@ def test_a_fix_of_before_the_computer_slept_is_not_current(
 
 
 def test_ages_are_put_right_once_the_clock_is(spool: Spool, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A computer without a battery for its clock says 1970 until it hears of the time."""
+    """A computer without a battery-backed clock starts in 1970."""
     stored(spool, 1, age_s=300.0, boot="another boot")
     monkeypatch.setattr(clock, "_session", clock._session)  # for monkeypatch to put back
     monkeypatch.setattr(clock, "wall_clock", lambda: datetime(1970, 1, 1, 0, 1, tzinfo=UTC))

@@ -1,4 +1,4 @@
-"""A camera of this computer as another program has left it: made known, told what is wished, and given back."""
+"""A local camera in the state that another program left: detected, set and restored."""
 
 import errno
 import os
@@ -28,7 +28,7 @@ MJPG, YUYV = (float(cv2.VideoWriter.fourcc(*name)) for name in ("MJPG", "YUYV"))
 
 
 class Driver:
-    """Controls of a V4L2 camera, which outlive whoever sets them. ``automatic`` and 1 are the modes that it has."""
+    """Controls of a V4L2 camera, which persist. ``automatic`` and 1 are its modes."""
 
     def __init__(self, automatic: float = 3.0, **left: float) -> None:
         self.modes = {automatic, 1.0}

@@ -1,4 +1,4 @@
-"""``rig run`` as a process, and what it says of itself."""
+"""``rig run`` as a process, and its output."""
 
 import os
 import signal

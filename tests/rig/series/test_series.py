@@ -1,4 +1,4 @@
-"""``rig capture --repeat``: numbered bundles, and a series that goes on where it was stopped."""
+"""``rig capture --repeat``: numbered bundles, and a series that can be resumed."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""``rig service`` into a directory: what is there afterwards, and what a crew is told."""
+"""``rig service`` into a directory: the installed files and the messages."""
 
 import os
 import re

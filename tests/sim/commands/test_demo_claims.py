@@ -1,4 +1,4 @@
-"""What ``sim demo`` prints of a fix: the claimed accuracy beside the true error, both metres of the ground."""
+"""Output of ``sim demo``: the stated uncertainty with the true error, both in metres of the ground."""
 
 import json
 

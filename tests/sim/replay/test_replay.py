@@ -1,4 +1,4 @@
-"""A log that is played back answers what is asked, however often, and says what it does not hold."""
+"""A played-back log answers requests, however often, and reports missing ones."""
 
 import json
 from contextlib import closing
