@@ -15,14 +15,14 @@ READY := $(VENV)/.ready
 demo: $(READY)
 	$(BIN)/sim demo --seed $(SEED) --out demo
 
-# Tests of one file share what is slow to make (terrain, compiled code, a machine), so one worker takes them all.
+# Tests of one file share slow fixtures (terrain, compiled code, a machine), so one worker runs them all.
 test: $(READY)
 	$(BIN)/pytest -n 2 --dist loadfile
 
 test-all: $(READY)
 	$(BIN)/pytest -n 2 --dist loadfile -m "not system"
 
-# Against the programs that it works with: gpsd, a browser, systemd. They are installed where they are missing. Mostly waiting.
+# Tests against gpsd, a browser and systemd, installed if missing. Mostly waiting.
 test-system: $(READY)
 	tests/system/packages
 	$(BIN)/pytest -n 3 --dist loadfile -m "system and not long"

@@ -1,4 +1,4 @@
-"""What the operating system refuses is told in its words, with what to do about that very refusal."""
+"""Messages for refusals of the operating system, with what to do about each."""
 
 import errno
 import os
@@ -15,7 +15,7 @@ from localizer.dem.lattice import DemError, load_dem
 from localizer.os_errors import meant_instead, why_not_read, why_not_written
 from rig.commands.bundle_inspect import loaded
 from rig.config.load import load_config
-from rig.daemon.control import ask
+from rig.daemon.control import send_request
 from rig.daemon.publish.mavlink_link import why_no_link
 from rig.daemon.publish.tcp_broadcast import TcpBroadcast
 from rig.daemon.sockets import bound_udp, why_not_listening
@@ -136,7 +136,7 @@ def test_a_daemon_that_may_not_be_asked_is_not_taken_for_one_that_is_absent(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with pytest.raises(RigError, match="no rig run listens there"):
-        ask(tmp_path / "control.sock", "status")
+        send_request(tmp_path / "control.sock", "status")
 
     def refuse(self: socket.socket, address: object) -> None:
         raise PermissionError(errno.EACCES, "Permission denied")
@@ -146,7 +146,7 @@ def test_a_daemon_that_may_not_be_asked_is_not_taken_for_one_that_is_absent(
 
     monkeypatch.setattr("rig.daemon.control.socket.socket", Refusing)
     with pytest.raises(RigError, match="this user may not reach it: Permission denied; join the group"):
-        ask(tmp_path / "control.sock", "status")
+        send_request(tmp_path / "control.sock", "status")
 
 
 @pytest.mark.parametrize(

@@ -113,7 +113,7 @@ class _SingleStop:
         return self
 
 
-def heading_doubts(
+def heading_notes(
     headings: Sequence[HeadingReading], section: NmeaCompassSection, place: Place | None
 ) -> list[str]:
     """The notes that a capture would make about such headings, "PROBLEM: ACTION" each. Raises as ``true_headings``
@@ -183,14 +183,14 @@ def _without_misplaced_variation(
         "added once, as the variation",
     )
 
-    def mended(reading: HeadingReading) -> HeadingReading:
+    def corrected(reading: HeadingReading) -> HeadingReading:
         if not reading.deviation_deg:
             return reading
         heading_deg = (reading.heading_deg - reading.deviation_deg) % 360.0
         variation_deg = reading.variation_deg or reading.deviation_deg
         return replace(reading, heading_deg=heading_deg, deviation_deg=0.0, variation_deg=variation_deg)
 
-    return [[mended(each) for each in headings] for headings in raw]
+    return [[corrected(each) for each in headings] for headings in raw]
 
 
 def _without_false_north(

@@ -8,12 +8,12 @@ from typing import Any
 
 from localizer.documents import MOST_TOML_BYTES, DocumentError, read_file, toml_text, toml_values
 from rig.atomic import write_atomically
-from rig.config.calibration_files import CalibrationError, Kind
+from rig.config.calibration_files import CalibrationError, CalibrationKind
 
 _SECTION = re.compile(r"^\s*\[([^\[\]]+)\]", re.MULTILINE)
 
 
-def name_in_config(config_path: Path, kind: Kind, file: Path) -> None:
+def name_in_config(config_path: Path, kind: CalibrationKind, file: Path) -> None:
     """Set ``[calibration] kind`` to ``file``, relative to the configuration's folder; comments and everything else
     stay.
 
@@ -39,7 +39,7 @@ def name_in_config(config_path: Path, kind: Kind, file: Path) -> None:
         ) from error
 
 
-def with_calibration(text: str, kind: Kind, named: str) -> str:
+def with_calibration(text: str, kind: CalibrationKind, named: str) -> str:
     """The configuration text with ``kind`` set in its section ``[calibration]``."""
     line = f"{kind} = {json.dumps(named)}"
     start = re.search(r"^\s*\[calibration\][^\n]*\n?", text, re.MULTILINE)
@@ -53,5 +53,5 @@ def with_calibration(text: str, kind: Kind, named: str) -> str:
     return head + (changed if count else f"{line}\n{section}") + text[end:]
 
 
-def _expected(tables: dict[str, Any], kind: Kind, named: str) -> dict[str, Any]:
+def _expected(tables: dict[str, Any], kind: CalibrationKind, named: str) -> dict[str, Any]:
     return {**tables, "calibration": {**tables.get("calibration", {}), kind: named}}

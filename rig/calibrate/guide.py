@@ -17,7 +17,7 @@ class Guide(Protocol):
         """Ask the operator to do something, and wait until it is done."""
         ...
 
-    def agrees(self, question: str) -> bool:
+    def confirm(self, question: str) -> bool:
         """Ask a yes-no question."""
         ...
 
@@ -41,7 +41,7 @@ class TerminalGuide:
         if not self._yes:
             self._answer()
 
-    def agrees(self, question: str) -> bool:
+    def confirm(self, question: str) -> bool:
         """Ask; Enter alone means yes."""
         self.say(f"{question} [Y/n]")
         return self._yes or not self._answer().strip().lower().startswith("n")

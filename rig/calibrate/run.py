@@ -15,7 +15,13 @@ from localizer.os_errors import why_not_written
 from rig import clock
 from rig.calibrate.config_edit import name_in_config
 from rig.calibrate.guide import Guide, TerminalGuide
-from rig.config.calibration_files import Calibration, CalibrationError, Kind, new_id, write_calibration
+from rig.config.calibration_files import (
+    Calibration,
+    CalibrationError,
+    CalibrationKind,
+    new_id,
+    write_calibration,
+)
 from rig.config.load import config_path, load_config
 from rig.config.model import RigConfig
 
@@ -41,7 +47,7 @@ class CalibrationRun:
         path = config_path(config_file)
         return cls(load_config(path), path, out or path.parent / FOLDER, TerminalGuide(yes), as_json)
 
-    def header(self, kind: Kind, device: str) -> dict[str, Any]:
+    def header(self, kind: CalibrationKind, device: str) -> dict[str, Any]:
         """The fields that all calibrations have."""
         created = clock.utc_now().replace(microsecond=0)
         return {
@@ -80,5 +86,5 @@ class CalibrationRun:
             click.echo(path)
         self.guide.say(f"picture: {picture}")
         question = f"Use it from now on, by naming it in {self.config_path}?"
-        if self.guide.agrees(question):
+        if self.guide.confirm(question):
             name_in_config(self.config_path, document.kind, path)

@@ -28,7 +28,7 @@ _log = logging.getLogger(__name__)
 
 DRIFT_SIGMAS = 3.0
 ALTIMETER_AVERAGE_S = 0.5
-NUDGED_TICKS = 4
+MOVED_TICKS = 4
 TWO_PRESSURES_HPA = 3.0  # 25 m of altitude, within half a second
 MAX_DRIFT_M = 150.0  # from a deep low to a strong high
 
@@ -85,10 +85,10 @@ def still_level(rig: Rig, duration_s: float) -> tuple[HeadLevel, float]:
         _log.info("the head still swings: %.3f deg of drift, %.3f deg of noise", drift_deg, noise_deg)
 
 
-def require_stood(before: HeadState, after: HeadState, what: str) -> None:
+def require_stationary(before: HeadState, after: HeadState, what: str) -> None:
     """Raise ``DeviceError`` if the head moved between two states, while ``what``: the reading is invalid."""
     moved_ticks = max(abs(a - b) for a, b in zip(before.ticks, after.ticks, strict=True))
-    if moved_ticks > NUDGED_TICKS or after.moving:
+    if moved_ticks > MOVED_TICKS or after.moving:
         raise DeviceError(
             "pan and tilt head", f"moved by {moved_ticks} ticks while {what}", "look for what pushes it"
         )

@@ -27,7 +27,7 @@ from rig.attitude.kinematics import Attitude, JointAngles
 from rig.attitude.level import BaseLevel, HeadLevel, LevelReading, LevelSigmas, base_level, in_axes
 from rig.attitude.talker_headings import true_headings
 from rig.attitude.tilt_agreement import require_agreement
-from rig.capture.averaged_readings import require_stood, still_level, utc_text
+from rig.capture.averaged_readings import require_stationary, still_level, utc_text
 from rig.clock import utc_now
 from rig.config.model import RigConfig
 from rig.config.sections import CompassSection, Mmc5983maSection, Place
@@ -41,7 +41,7 @@ from rig.fault_notes import note_fault
 CompassReading = FieldReading | HeadingReading
 
 READING_SHARE = 0.4  # of average_s at each pan angle: there are several of them
-NOD_DEG, NOD_READING_S = 10.0, 0.2
+CHECK_TILT_DEG, CHECK_READING_S = 10.0, 0.2
 TWO_AXES = ("iis2iclx",)
 NO_COMPASS = TrueHeading(0.0, NO_COMPASS_SIGMA_DEG, None)
 HEADING_OF_STOPS = "heading from the stops before it"
@@ -95,27 +95,27 @@ def measure_base(rig: Rig) -> BaseEstimate:
     """Move to the configured pan angles at tilt 0 and read inclinometer and compass at each."""
     duration_s = rig.config.inclinometer.average_s * READING_SHARE
     pans_deg = _pans_in_sweep_order(rig)
-    nod = _nod(rig, pans_deg[0]) if rig.config.inclinometer.chip in TWO_AXES else None
+    tilted = _read_tilted_level(rig, pans_deg[0]) if rig.config.inclinometer.chip in TWO_AXES else None
     stops = [read_stop(rig, JointAngles(pan_deg, 0.0), duration_s) for pan_deg in pans_deg]
     base_estimate = estimate_base(rig.config, stops, rig.compass.identify() if rig.compass else None)
-    if nod:
-        measured_deg = nod.level.tilt_deg - base_estimate.level.tilt_zero_deg
-        require_agreement(base_estimate.attitude, nod.joints, measured_deg, rig.inclinometer.identify())
+    if tilted:
+        measured_deg = tilted.level.tilt_deg - base_estimate.level.tilt_zero_deg
+        require_agreement(base_estimate.attitude, tilted.joints, measured_deg, rig.inclinometer.identify())
     return base_estimate
 
 
-def _nod(rig: Rig, pan_deg: float) -> LevelReading | None:
+def _read_tilted_level(rig: Rig, pan_deg: float) -> LevelReading | None:
     """A level reading at another tilt, which reveals a wrong scale of a two-axis chip.
 
     None if limits and keep-out zones leave no room.
     """
     tilt = rig.config.pan_tilt.tilt
-    for tilt_deg in (min(NOD_DEG, tilt.max_deg), max(-NOD_DEG, tilt.min_deg)):
+    for tilt_deg in (min(CHECK_TILT_DEG, tilt.max_deg), max(-CHECK_TILT_DEG, tilt.min_deg)):
         try:
             state = rig.pan_tilt.go_to(pan_deg, tilt_deg)
         except GoalError:
             continue
-        level, _ = still_level(rig, NOD_READING_S)
+        level, _ = still_level(rig, CHECK_READING_S)
         return LevelReading(JointAngles(state.pan_deg, state.tilt_deg), level)
     return None
 
@@ -220,7 +220,7 @@ def read_stop(rig: Rig, joints: JointAngles, duration_s: float) -> Stop:
     """Move there, wait until the head is still, and read inclinometer and compass for a time."""
     state = rig.pan_tilt.go_to(joints.pan_deg, joints.tilt_deg)
     stop = read_here(rig, state, duration_s)
-    require_stood(state, rig.pan_tilt.state(), "level and heading were read")
+    require_stationary(state, rig.pan_tilt.state(), "level and heading were read")
     return stop
 
 

@@ -12,7 +12,7 @@ from rig.attitude.kinematics import Attitude, Head, JointAngles, body_attitude, 
 from rig.attitude.level import HeadLevel
 from rig.attitude.tilt_agreement import require_agreement
 from rig.capture import derive
-from rig.capture.averaged_readings import require_stood, still_level
+from rig.capture.averaged_readings import require_stationary, still_level
 from rig.capture.base_attitude import (
     BaseEstimate,
     Stop,
@@ -142,7 +142,7 @@ def take_view(
         pictures = take_pictures(rig.camera, camera.frames_per_direction, still_since_s, joints, seen)
     readings = heading.result()
     after = rig.pan_tilt.state()
-    require_stood(before, after, "a frame was taken")
+    require_stationary(before, after, "a frame was taken")
     joints_seen = JointAngles((before.pan_deg + after.pan_deg) / 2, (before.tilt_deg + after.tilt_deg) / 2)
     stop = stop_of(after.ticks, joints_seen, level, readings)
     pointing = derive.pointing(base_estimate, joints_seen, level, head)

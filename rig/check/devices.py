@@ -16,7 +16,7 @@ from localizer.errors import SkyfixError
 from rig import sysfs
 from rig.attitude.altitude_plausibility import AltitudeBounds, altitude_bounds
 from rig.attitude.magnetic_model import date_problem
-from rig.attitude.talker_headings import heading_doubts
+from rig.attitude.talker_headings import heading_notes
 from rig.capture.averaged_readings import read_altitude, read_level, utc_text
 from rig.check.compass import field_check, heading_check
 from rig.check.result import DeviceCheck
@@ -200,7 +200,7 @@ def check_compass(section: CompassSection, place: Place | None = None) -> Device
         found = heading_check(compass.identify(), headings, section, place)
         if not found.ok:
             return found
-        doubts = heading_doubts(headings, section, place)
+        doubts = heading_notes(headings, section, place)
         return replace(found, reading="; ".join([found.reading, *doubts]))
 
 

@@ -15,7 +15,7 @@ from rig.commands.options import config_option
 
 @click.group()
 def bundle() -> None:
-    """What can be done with bundles afterwards.
+    """Commands on existing bundles.
 
     Example: rig bundle recalibrate bundles/20261124T060000Z-3f9a
     """
@@ -43,7 +43,7 @@ def bundle() -> None:
 def recalibrate(
     directory: Path, config_file: Path | None, files: tuple[Path, ...], out_dir: Path | None, as_json: bool
 ) -> None:
-    """Write a bundle anew from the raw readings of an old one, with better calibrations; the old one stays.
+    """Recompute a bundle from the raw readings of an old one, with better calibrations; the old one stays.
 
     \b
     Examples:

@@ -25,10 +25,10 @@ from rig.commands.signals import stopping_cleanly
 )
 @json_option
 def export(folders: tuple[Path, ...], path: Path, as_json: bool) -> None:
-    """Put bundles, or all that lie in some folders, into one archive file, and read it back before it gets its name.
+    """Write bundles, or all bundles in some folders, into one archive file, and read it back before it gets its name.
 
-    It holds a folder for each bundle, index.csv with a row for each frame, and SHA256SUMS. A damaged bundle is refused:
-    nothing is written then. rig bundle verify checks the archive, rig bundle import (or tar) unpacks it.
+    The archive has a folder for each bundle, index.csv with a row for each frame, and SHA256SUMS. If a bundle is
+    damaged nothing is written. rig bundle verify checks the archive, rig bundle import (or tar) unpacks it.
 
     \b
     Examples:
@@ -63,9 +63,11 @@ def export(folders: tuple[Path, ...], path: Path, as_json: bool) -> None:
 )
 @json_option
 def import_(archive: Path, out_dir: Path, as_json: bool) -> None:
-    """Unpack the bundles of an archive, all or none, after every checksum; one that is there already, the same, stays.
+    """Unpack the bundles of an archive, all or none, after checking every checksum; identical bundles that exist
+    already stay.
 
-    Only what the bundles list is kept, and an archive that holds or unpacks to more than bundles explain is refused.
+    Only files that the bundles list are kept. An archive with more content, or a larger unpacked size, than its bundles
+    explain is refused.
 
     Example: rig bundle import field-trip.tar --out bundles
     """
@@ -80,10 +82,10 @@ def import_(archive: Path, out_dir: Path, as_json: bool) -> None:
             if not is_new:
                 click.echo(f"{place} was there already", err=True)
     if strays:
-        click.echo(f"{archive}: left out what no bundle lists: {named_first(strays)}", err=True)
+        click.echo(f"{archive}: left out what no bundle lists: {first_names(strays)}", err=True)
 
 
-def named_first(strays: list[str]) -> str:
+def first_names(strays: list[str]) -> str:
     """The first few file names."""
     more = f" and {len(strays) - 3} more" if len(strays) > 3 else ""
     return f"{', '.join(map(repr, strays[:3]))}{more}"

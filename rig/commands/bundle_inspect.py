@@ -107,7 +107,7 @@ def _row(found: dict[str, Any]) -> str:
     help="Draw the frames with the skylines found, as .png or .jpg.",
 )
 def show(directory: Path, as_json: bool, picture: Path | None) -> None:
-    """What one bundle holds: how vehicle and camera stood, how well that is known, and which faults were overcome.
+    """Show one bundle: attitudes of vehicle and camera with sigmas, and recovered faults.
 
     \b
     Examples:
@@ -167,7 +167,7 @@ def _shown(found: dict[str, Any]) -> str:
 @click.argument("paths", metavar="DIR|ARCHIVE...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @json_option
 def verify(paths: tuple[Path, ...], as_json: bool) -> int:
-    """Read bundles to the last byte: sizes, ranges, checksums. Status 2 where one is damaged, or a folder has none.
+    """Check bundles to the last byte: sizes, ranges, checksums. Status 2 if one is damaged, or a folder has none.
 
     A folder stands for all bundles below it, an archive of rig bundle export for all in it. With --json one object a line.
 

@@ -9,9 +9,9 @@ from rig.commands.calibrate_sensors import altimeter, compass, inclinometer, tem
 
 @click.group()
 def calibrate() -> None:
-    """Find the rig's own errors, in this order: camera, inclinometer, compass, altimeter, boresight.
+    """Calibrate the rig, in this order: camera, inclinometer, compass, altimeter, boresight.
 
-    Each writes a dated file that the configuration names from then on, and a picture of its residuals beside it.
+    Each writes a dated file, which the configuration then names, and a plot of its residuals.
 
     Example: rig calibrate inclinometer --config vehicle.toml
     """

@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from rig.commands.calibrate_options import (
-    Asked,
+    CommonOptions,
     calibration_run_options,
     json_option,
     target_of,
@@ -21,8 +21,8 @@ from rig.commands.calibrate_options import (
     "--images", metavar="GLOB", help="Pictures of the board instead of the live camera; quote the pattern."
 )
 @click.option("--views", type=click.IntRange(10, 200), default=25, show_default=True, help="To take live.")
-def camera(asked: Asked, board_text: str, images: str | None, views: int) -> None:
-    """Intrinsics and distortion of the camera, from views of a board (see rig calibrate board).
+def camera(common: CommonOptions, board_text: str, images: str | None, views: int) -> None:
+    """Calibrate intrinsics and distortion of the camera from views of a calibration target (see rig calibrate board).
 
     \b
     Examples:
@@ -32,8 +32,8 @@ def camera(asked: Asked, board_text: str, images: str | None, views: int) -> Non
     from rig.calibrate.camera.procedure import calibrate_camera
 
     known_board = target_of(board_text)
-    with asked.session() as session:
-        calibrate_camera(session, known_board, images, views)
+    with common.calibration_run() as calibration_run:
+        calibrate_camera(calibration_run, known_board, images, views)
 
 
 @click.command()
@@ -43,7 +43,8 @@ def camera(asked: Asked, board_text: str, images: str | None, views: int) -> Non
 )
 @json_option
 def board(board_text: str, path: Path, as_json: bool) -> None:
-    """Draw the board for the printer: 300 dots an inch, true size. Glue it to something flat and measure a square.
+    """Draw the calibration target for printing: 300 dots per inch, true size. Glue it to something flat and measure a
+    square.
 
     Example: rig calibrate board --out board.png
     """

@@ -38,7 +38,7 @@ target_option = click.option(
 
 
 @dataclass(frozen=True)
-class Asked:
+class CommonOptions:
     """The options common to all calibrations."""
 
     config_file: Path | None
@@ -47,17 +47,17 @@ class Asked:
     as_json: bool
 
     @contextmanager
-    def session(self) -> Iterator["CalibrationRun"]:
+    def calibration_run(self) -> Iterator["CalibrationRun"]:
         """The calibration in progress; a signal ends it with clean-up."""
         from rig.calibrate.run import CalibrationRun
 
-        session = CalibrationRun.open(self.config_file, self.out_dir, self.yes, self.as_json)
+        calibration_run = CalibrationRun.open(self.config_file, self.out_dir, self.yes, self.as_json)
         with stopping_cleanly():
-            yield session
+            yield calibration_run
 
 
 def calibration_run_options(command: Command) -> Command:
-    """Give a command the options of all calibrations, as one argument ``asked``."""
+    """Give a command the options of all calibrations, as one argument ``common``."""
 
     @config_option
     @click.option(
@@ -70,12 +70,12 @@ def calibration_run_options(command: Command) -> Command:
     @click.option("--yes", is_flag=True, help="Ask nothing: all is ready, and the result is used.")
     @json_option
     @wraps(command)
-    def with_asked(
+    def with_common_options(
         config_file: Path | None, out_dir: Path | None, yes: bool, as_json: bool, **others: Any
     ) -> Any:
-        return command(asked=Asked(config_file, out_dir, yes, as_json), **others)
+        return command(common=CommonOptions(config_file, out_dir, yes, as_json), **others)
 
-    return with_asked
+    return with_common_options
 
 
 def place_sigma_options(command: Command) -> Command:

@@ -9,7 +9,7 @@ import click
 
 from localizer.commands.command_line import FiniteRange
 from rig.commands.calibrate_options import (
-    Asked,
+    CommonOptions,
     at_option,
     calibration_run_options,
     dem_option,
@@ -30,13 +30,13 @@ if TYPE_CHECKING:
     "--directions", type=click.IntRange(4, 24), default=8, show_default=True, help="To look in, all round."
 )
 def boresight(
-    asked: Asked,
+    common: CommonOptions,
     at: str | None,
     dem_paths: tuple[Path, ...],
     sigmas: "PlaceSigmas",
     directions: int,
 ) -> None:
-    """How the camera sits against head and sensors, from the skyline that the DEM has at a known place.
+    """Calibrate the camera's mounting in the head, and the heading offset, from the DEM's skyline at a known place.
 
     Example: rig calibrate boresight --at 37.2012,-122.1034 --dem terrain.tif
     """
@@ -47,8 +47,8 @@ def boresight(
 
     from rig.calibrate.boresight.procedure import calibrate_boresight
 
-    with asked.session() as session:
-        calibrate_boresight(session, known_place_of(at, dem_paths), sigmas, directions)
+    with common.calibration_run() as calibration_run:
+        calibrate_boresight(calibration_run, known_place_of(at, dem_paths), sigmas, directions)
 
 
 @click.command()
@@ -79,7 +79,7 @@ def sites(
     count: int,
     as_json: bool,
 ) -> None:
-    """Where to calibrate the boresight: places whose skyline is far and rugged, best first.
+    """Recommend places for the boresight calibration, with a far and rugged skyline, best first.
 
     \b
     Examples:

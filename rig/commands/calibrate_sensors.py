@@ -7,7 +7,7 @@ import click
 
 from localizer.commands.command_line import FiniteRange
 from rig.commands.calibrate_options import (
-    Asked,
+    CommonOptions,
     at_option,
     calibration_run_options,
     dem_option,
@@ -30,18 +30,18 @@ from rig.commands.signals import stopping_cleanly
     help="CSV of rig calibrate temperature-log: gives the drift of the zero with temperature.",
 )
 def inclinometer(
-    asked: Asked,
+    common: CommonOptions,
     angles: int,
     temperature_log: Path | None,
 ) -> None:
-    """Zero, scale and mounting of the inclinometer, by turning the head; the vehicle's slope comes with it.
+    """Calibrate zero, scale and mounting of the inclinometer by moving the head; the vehicle may stand on a slope.
 
     Example: rig calibrate inclinometer --angles 12
     """
     from rig.calibrate.inclinometer.procedure import calibrate_inclinometer
 
-    with asked.session() as session:
-        calibrate_inclinometer(session, angles, temperature_log)
+    with common.calibration_run() as calibration_run:
+        calibrate_inclinometer(calibration_run, angles, temperature_log)
 
 
 @click.command("temperature-log")
@@ -52,7 +52,7 @@ def inclinometer(
 @click.option("--minutes", type=FiniteRange(0.0), default=60.0, show_default=True)
 @json_option
 def temperature_log_(config_file: Path | None, path: Path, minutes: float, as_json: bool) -> None:
-    """Log the inclinometer of a head that does not move while the day warms or cools it.
+    """Log the inclinometer of a stationary head while the temperature changes.
 
     Example: rig calibrate temperature-log --out drift.csv --minutes 240
     """
@@ -80,21 +80,21 @@ def temperature_log_(config_file: Path | None, path: Path, minutes: float, as_js
 @click.option(
     "--angles", type=click.IntRange(4, 36), default=6, show_default=True, help="Pan angles at each heading."
 )
-def compass(asked: Asked, headings: int, angles: int) -> None:
-    """Hard and soft iron of the pan stage, by turning the pan, and of the vehicle, by turning the vehicle.
+def compass(common: CommonOptions, headings: int, angles: int) -> None:
+    """Calibrate hard and soft iron of the pan stage, by turning the pan, and of the vehicle, by turning the vehicle.
 
     \b
     Examples:
       rig calibrate compass
       rig calibrate compass --headings 1
     """
-    if asked.yes and headings > 1:
+    if common.yes and headings > 1:
         raise click.UsageError("--yes goes with --headings 1 only: somebody has to turn the vehicle.")
 
     from rig.calibrate.compass.procedure import calibrate_compass
 
-    with asked.session() as session:
-        calibrate_compass(session, headings, angles)
+    with common.calibration_run() as calibration_run:
+        calibrate_compass(calibration_run, headings, angles)
 
 
 @click.command()
@@ -122,7 +122,7 @@ def compass(asked: Asked, headings: int, angles: int) -> None:
     help="Metres an hour that the weather may move it from then on.",
 )
 def altimeter(
-    asked: Asked,
+    common: CommonOptions,
     at: str | None,
     dem_paths: tuple[Path, ...],
     altitude_m: float | None,
@@ -130,7 +130,8 @@ def altimeter(
     air_c: float | None,
     drift_m_h: float,
 ) -> None:
-    """The air pressure at a known altitude, or at a known place on a DEM; its trust fades from then on.
+    """Calibrate the reference pressure at a known altitude, or at a known place on a DEM; the altitude's sigma then
+    grows with time.
 
     \b
     Examples:
@@ -142,8 +143,8 @@ def altimeter(
 
     from rig.calibrate.altimeter import KnownAltitude, calibrate_altimeter
 
-    with asked.session() as session:
+    with common.calibration_run() as calibration_run:
         if at is not None:
-            altitude_m = known_place_of(at, dem_paths).ground_m + session.config.rig.mast_height_m
+            altitude_m = known_place_of(at, dem_paths).ground_m + calibration_run.config.rig.mast_height_m
         assert altitude_m is not None
-        calibrate_altimeter(session, KnownAltitude(altitude_m, sigma_m), air_c, drift_m_h)
+        calibrate_altimeter(calibration_run, KnownAltitude(altitude_m, sigma_m), air_c, drift_m_h)

@@ -85,13 +85,13 @@ def capture(
 ) -> int:
     """Take a measurement bundle: level and heading of the vehicle, then a frame in each direction.
 
-    Prints the bundle's directory, and with --locate the fix after it; ends with the status of localizer locate
-    then. Ctrl-C ends it with the head relaxed and nothing half-written.
+    Prints the bundle's directory, and with --locate the fix after it; the exit status is then that of localizer locate.
+    Ctrl-C ends it with the torque off and no partial files.
 
-    With --repeat a series: its folder holds the bundles, a picture of each with the skylines found, and series.jsonl, which is
-    kept so that the same command goes on where Ctrl-C, a crash or a power cut stopped it. Space for all of it is checked
-    beforehand. A capture that fails does not end it; a summary says at the end what failed and why, how far the readings
-    spread and how long it took, and the status is 2 where any failed.
+    With --repeat a series: its folder holds the bundles, a picture of each with the skylines found, and the journal
+    series.jsonl, so that the same command resumes after Ctrl-C, a crash or a power cut. Disk space for the whole series
+    is checked beforehand. A failed capture does not end it; a summary at the end shows failures and their reasons, the
+    spread of the readings and the duration, and the status is 2 if any failed.
 
     \b
     Examples:
@@ -186,21 +186,21 @@ def _take_series(
     from rig.capture.progress import console_progress
     from rig.capture.sequence import capture as take
     from rig.series.console import SeriesConsole
-    from rig.series.journal import Plan, begin_series, held, unfinished_series
+    from rig.series.journal import Plan, begin_series, locked_series, unfinished_series
     from rig.series.run import take_series
     from rig.series.space import require_space
 
     require_writable(out_dir)
     plan = Plan(repeat, every_s, tuple(direction.label for direction in directions), config.rig.name)
     unfinished = None if fresh else unfinished_series(out_dir, plan)
-    require_space(out_dir, config, len(unfinished.left()) if unfinished else repeat, len(directions))
+    require_space(out_dir, config, len(unfinished.remaining()) if unfinished else repeat, len(directions))
     folder = (unfinished or begin_series(out_dir, plan)).folder
 
     def once(into: Path, remarks: Mapping[str, Any]) -> Path:
         with console_progress(1 + len(directions)) as report:
             return take(config, directions, into, report, remarks)
 
-    with held(folder) as series:
+    with locked_series(folder) as series:
         reports = SeriesConsole(series, as_json)
         reports.begins(goes_on=unfinished is not None)
         try:

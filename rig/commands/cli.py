@@ -70,10 +70,11 @@ def check(
     dem_paths: tuple[Path, ...],
     sigmas: "PlaceSigmas",
 ) -> int:
-    """Connect to every device and say how it is; nothing moves. Ends with status 1 if any device fails.
+    """Connect to every device and show its state; nothing moves. Ends with status 1 if any device fails.
 
-    The altitude is compared with [place] and with the ground of the DEM, that of [run] unless given. At a known place (--at,
-    --dem) the head turns, and the DEM's skyline says whether the calibration still holds; status 1 where it does not.
+    The altitude is compared with [place] and with the ground of the DEM, by default that of [run]. At a known place
+    (--at, --dem) the head moves, and the DEM's skyline shows whether the calibration still holds; status 1 if it does
+    not.
 
     \b
     Examples:

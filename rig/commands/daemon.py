@@ -19,10 +19,10 @@ EXIT_STATUS = {"started": 0, "busy": 3, "not ready": 4, "stopping": 5}
 @click.command()
 @config_option
 def run(config_file: Path | None) -> None:
-    """Capture, locate and publish until told to stop: what the vehicle lives with.
+    """Capture, locate and publish as the vehicle's service, until stopped.
 
-    [run] of the configuration says when to capture and where to publish. SIGTERM or Ctrl-C ends it with the head let go,
-    SIGHUP has the configuration read anew (a bad one is refused as a whole), SIGUSR1 takes a capture.
+    [run] of the configuration sets the triggers and publishers. SIGTERM or Ctrl-C stops it with the torque off, SIGHUP
+    reloads the configuration (an invalid one is refused as a whole), SIGUSR1 takes a capture.
 
     \b
     Examples:
@@ -38,10 +38,10 @@ def run(config_file: Path | None) -> None:
 @config_option
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def trigger(config_file: Path | None, as_json: bool) -> int:
-    """Ask the running daemon for a capture, and print its answer; the capture itself takes longer.
+    """Request a capture from the running daemon, and print its answer; the capture itself takes longer.
 
-    Ends with status 0 where one has been started, 3 busy, 4 not ready (it says why), 5 stopping; 2 where no rig run of this
-    configuration is there.
+    Ends with status 0 if it was started, 3 busy, 4 not ready (with the reason), 5 stopping; 2 if no rig run of this
+    configuration is running.
 
     Example: rig trigger --config vehicle.toml
     """
@@ -69,7 +69,7 @@ def _answer(config_file: Path | None, request: str) -> dict[str, Any]:
     """The daemon's answer. A daemon that still runs with an earlier version of a now invalid configuration is found
     too.
     """
-    from rig.daemon.control import ControlError, ask
+    from rig.daemon.control import ControlError, send_request
     from rig.daemon.main_loop import run_of
 
     path = config_path(config_file)
@@ -78,7 +78,7 @@ def _answer(config_file: Path | None, request: str) -> dict[str, Any]:
     except (ConfigError, CalibrationError) as error:
         control = control_socket_of_invalid_config(path)
         try:
-            answer = ask(control, request) if control else None
+            answer = send_request(control, request) if control else None
         except ControlError:
             answer = None
         if answer is None:
@@ -86,4 +86,4 @@ def _answer(config_file: Path | None, request: str) -> dict[str, Any]:
         click.echo(f"rig: {error}; the daemon goes on with what it has read before, and answers", err=True)
         return answer
     assert run.control  # filled in when the file was read
-    return ask(run.control, request)
+    return send_request(run.control, request)

@@ -46,11 +46,12 @@ def move(
     relax: bool,
     as_json: bool,
 ) -> None:
-    """Turn the head to joint angles PAN (clockwise) and TILT (up), or the camera to a true azimuth, and let go there.
+    """Move the head to joint angles PAN (clockwise) and TILT (up), or the camera to a true azimuth, and switch the
+    torque off there.
 
-    With --azimuth the head turns to measure level and heading first, as for a capture. A goal beyond the limits or in a
-    keep-out zone is refused before anything moves; a way through a zone is gone round. Prints where the head stands, and
-    with --azimuth where the camera looks. The torque is off afterwards.
+    With --azimuth the head first turns to measure level and heading, as for a capture. A goal beyond the limits or in a
+    keep-out zone is refused before anything moves; a path through a zone is routed around it. Prints the head's
+    position, and with --azimuth the camera's attitude. The torque is off afterwards.
 
     \b
     Examples:

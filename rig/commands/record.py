@@ -17,8 +17,8 @@ from rig.config.load import ENVIRONMENT_VARIABLE, config_path, load_config
 def record(context: click.Context, config_file: Path | None, log: Path, command: tuple[str, ...]) -> int:
     """Run another command of rig and log the raw bytes of every port and bus meanwhile.
 
-    LOG is a new file; sim replay plays it back. --config stands before it and holds for COMMAND too; pictures are not in
-    it. Ends with the status of COMMAND.
+    LOG is a new file; sim replay plays it back. --config precedes LOG and applies to COMMAND too; pictures are not
+    logged. Ends with the status of COMMAND.
 
     Example: rig record --config vehicle.toml field.log capture --out bundles
     """

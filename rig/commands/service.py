@@ -20,7 +20,7 @@ dry_run_option = click.option("--dry-run", is_flag=True, help="Only say what wou
 
 @click.group()
 def service() -> None:
-    """Have systemd run skyfix on the vehicle.
+    """Install skyfix as a systemd service of the vehicle.
 
     Example: sudo /opt/skyfix/bin/rig service install
     """
@@ -31,9 +31,9 @@ def service() -> None:
 @dry_run_option
 @click.option("--force", is_flag=True, help="Replace files that have been changed by hand too.")
 def install(root: Path, dry_run: bool, force: bool) -> None:
-    """Put unit, udev rules, user and folders in place, for the installation that this program belongs to.
+    """Install unit, udev rules, user and folders for the installation that this program belongs to.
 
-    Running it again changes nothing, or brings the files up to date. It starts nothing, and ends with what to do next.
+    Running it again updates the files if necessary. It starts nothing, and ends with the next steps.
 
     Example: sudo /opt/skyfix/bin/rig service install --dry-run
     """
@@ -46,9 +46,9 @@ def install(root: Path, dry_run: bool, force: bool) -> None:
 @root_option
 @dry_run_option
 def uninstall(root: Path, dry_run: bool) -> int:
-    """Stop the service and remove what install has put there; configuration, bundles and caches stay.
+    """Stop the service and remove the files of install; configuration, bundles and caches stay.
 
-    Ends with status 1 where a file stays because somebody has changed it.
+    Ends with status 1 if an edited file stays.
 
     Example: sudo /opt/skyfix/bin/rig service uninstall
     """
@@ -61,9 +61,9 @@ def uninstall(root: Path, dry_run: bool) -> int:
 @root_option
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def status(root: Path, as_json: bool) -> int:
-    """Say which files are in place, whether the service is enabled and active, and its last fix.
+    """Show which files are installed, whether the service is enabled and active, and its last fix.
 
-    Ends with status 1 where a file is not as it should be, or the service does not run.
+    Ends with status 1 if a file differs, or the service does not run.
 
     Example: rig service status
     """

@@ -15,7 +15,7 @@ json_option = click.option("--json", "as_json", is_flag=True, help="Print one JS
 
 @click.group()
 def telemetry() -> None:
-    """Look at telemetry that rig capture --telemetry recorded, and mend a file that a power cut ended.
+    """Inspect telemetry of rig capture --telemetry, and repair a file that a power cut truncated.
 
     Example: rig telemetry info session.mcap
     """
@@ -25,7 +25,7 @@ def telemetry() -> None:
 @file_argument
 @json_option
 def info(path: Path, as_json: bool) -> int:
-    """What was recorded, how often, from when to when, and whether the file is whole; status 2 where it is not.
+    """Show topics, counts, time span, and whether the file is complete; status 2 if it is not.
 
     Example: rig telemetry info session.mcap
     """
@@ -68,7 +68,7 @@ def info(path: Path, as_json: bool) -> int:
 )
 @json_option
 def mend(path: Path, target: Path, as_json: bool) -> None:
-    """Copy what can be read of a file that was cut off into a whole one, which Foxglove opens at once.
+    """Copy the readable part of a truncated file into a complete one, which Foxglove opens at once.
 
     Example: rig telemetry mend session.mcap --out mended.mcap
     """

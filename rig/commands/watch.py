@@ -15,7 +15,7 @@ from rig.commands.signals import stopping_cleanly
 from rig.config.load import config_path, load_config
 
 DEVICES = ("head", "inclinometer", "compass", "altimeter", "camera")
-HEARD_S = 15.0
+FIRST_READINGS_S = 15.0
 """An absent camera or port has failed by then."""
 
 
@@ -52,11 +52,11 @@ def watch(
     names: tuple[str, ...],
     as_json: bool,
 ) -> int:
-    """Show what all devices read at this moment, how old that is, how the vehicle stands, and what ails them.
+    """Show live readings of all devices with their ages, the vehicle's attitude, and faults.
 
-    Nothing moves, and torque stays as it is. A device that fails is tried again until it comes back. On a terminal a
-    table that changes, else a line a second. Ends with Ctrl-C, and with status 1 where a device is not well then. No other
-    command may use the rig meanwhile.
+    Nothing moves, and the torque stays as it is. A failed device is retried until it returns. On a terminal a live
+    table, else one line a second. Ends with Ctrl-C, with status 1 if a device has a fault then. No other command may
+    use the rig meanwhile.
 
     \b
     Examples:
@@ -95,7 +95,7 @@ def watch(
 
         try:
             if once or not table:
-                watcher.wait_first_readings(min(HEARD_S, end_s - time.monotonic()))
+                watcher.wait_first_readings(min(FIRST_READINGS_S, end_s - time.monotonic()))
             if once:
                 say(show())
             elif table:

@@ -19,8 +19,14 @@ from localizer.os_errors import why_not_read, why_not_written
 from rig.atomic import write_atomically
 from rig.errors import RigError
 
-Kind = Literal["camera", "inclinometer", "compass", "altimeter", "boresight"]
-CALIBRATION_ORDER: tuple[Kind, ...] = ("camera", "inclinometer", "compass", "altimeter", "boresight")
+CalibrationKind = Literal["camera", "inclinometer", "compass", "altimeter", "boresight"]
+CALIBRATION_ORDER: tuple[CalibrationKind, ...] = (
+    "camera",
+    "inclinometer",
+    "compass",
+    "altimeter",
+    "boresight",
+)
 """The order of the calibrations; each uses the ones before it."""
 
 Triple = tuple[float, float, float]
@@ -211,7 +217,7 @@ class AppliedCalibration:
         }
 
 
-def new_id(kind: Kind, created: datetime) -> str:
+def new_id(kind: CalibrationKind, created: datetime) -> str:
     """The id of a calibration, and the name of its file without the suffix."""
     return f"{kind}-{created.astimezone(UTC):%Y%m%dT%H%M%SZ}-{secrets.token_hex(2)}"
 

@@ -28,7 +28,7 @@ def wrong_keys(table: dict[str, Any], model: type[BaseModel], section: Keys = ()
     missing = {key for key in absent if model.model_fields[key].is_required()}
     for key in [key for key in table if key not in model.model_fields]:
         is_section = isinstance(table[key], dict)
-        meant = _most_like(key, absent)
+        meant = _closest_key(key, absent)
         missing.difference_update(meant)
         hint = "".join(
             f"; did you mean {_section((*section, name)) if is_section else name}?" for name in meant
@@ -58,7 +58,7 @@ def wrong_value(error: ErrorDetails, tables: dict[str, Any]) -> str:
     return f"{_place(keys)}: {message[:1].lower()}{message[1:]} (found {found!r})"
 
 
-def _most_like(key: str, absent: list[str]) -> list[str]:
+def _closest_key(key: str, absent: list[str]) -> list[str]:
     """The most similar absent key: one or none."""
     starting_alike = [name for name in absent if name.startswith(key)]
     return starting_alike[:1] or difflib.get_close_matches(key, absent, n=1, cutoff=0.6)

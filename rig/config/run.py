@@ -150,7 +150,7 @@ class RunSection(Section):
     http: HttpServer | None = None
 
     @model_validator(mode="after")
-    def _waits_grow(self) -> Self:
+    def _retry_limits_are_ordered(self) -> Self:
         if self.retry_least_s > self.retry_most_s:
             raise ValueError("[run] retry_least_s is longer than retry_most_s")
         return self

@@ -296,9 +296,7 @@ class CameraSection(Section):
     def _driver_keys_are_for_a_local_camera(self) -> Self:
         for key in ("fourcc", "exposure", "gain", "white_balance_k", "focus"):
             if getattr(self, key) is not None and not self.is_local:
-                raise ValueError(
-                    f"{key} is told to the driver of a camera of this computer; source is a stream"
-                )
+                raise ValueError(f"{key} is set in the driver of a local camera; source is a stream")
         return self
 
 

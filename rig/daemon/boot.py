@@ -12,7 +12,7 @@ def boot_id() -> str:
     return Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii").strip()
 
 
-def asleep_s() -> float:
+def suspended_s() -> float:
     """Total time suspended since boot: the monotonic clock stands still meanwhile."""
     return time.clock_gettime(time.CLOCK_BOOTTIME) - time.monotonic()
 

@@ -179,7 +179,7 @@ def _connect(daemon: socket.socket, path: Path, until_s: float) -> None:
             return
 
 
-def ask(path: Path, request: str, timeout_s: float = 10.0) -> dict[str, Any]:
+def send_request(path: Path, request: str, timeout_s: float = 10.0) -> dict[str, Any]:
     """The daemon's answer. ``ControlError`` if none listens at ``path``, or it does not answer in time."""
     until_s = time.monotonic() + timeout_s
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as daemon:

@@ -80,7 +80,7 @@ class Heartbeats:
             )
             loop.thread = threading.get_ident()
 
-    def stuck(self) -> tuple[StalledLoop, ...]:
+    def stalled(self) -> tuple[StalledLoop, ...]:
         """The stalled loops."""
         with self._lock:
             named = [(name, dataclasses.replace(loop)) for name, loop in self._heartbeats.items()]
@@ -126,18 +126,18 @@ def _watch(heartbeats: Heartbeats, notifier: Notifier, ended: threading.Event) -
     every_s = notifier.watchdog_s / 3 if notifier.watchdog_s else CHECK_EVERY_S
     hung: set[str] = set()
     while True:
-        stuck = heartbeats.stuck()
-        hanging = {each.name for each in stuck}
-        for each in stuck:
+        stalled = heartbeats.stalled()
+        hanging = {each.name for each in stalled}
+        for each in stalled:
             if each.name not in hung:
                 _log.error("%s", each)
         for name in sorted(hung - hanging):
             _log.warning("%s gets on again", name)
-        if stuck:
-            notifier.trouble("; ".join(map(str, stuck)))
+        if stalled:
+            notifier.set_fault("; ".join(map(str, stalled)))
         elif hung:
-            notifier.trouble_over()
-        if not stuck:
+            notifier.clear_fault()
+        if not stalled:
             notifier.progress()
         hung = hanging
         if ended.wait(every_s):

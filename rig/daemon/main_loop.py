@@ -70,7 +70,7 @@ def _searched(run: RunSection) -> tuple[object, ...]:
     return run.chosen_dem, run.search
 
 
-def worker_with_terrain(run: RunSection, beat: Callable[[], None]) -> SearchProcess:
+def loaded_worker(run: RunSection, beat: Callable[[], None]) -> SearchProcess:
     """A search process with its DEM loaded. ``SearchFailedError`` if that fails."""
     worker = start_worker(run)
     worker.beat = beat
@@ -167,7 +167,7 @@ class MainLoop:
         self._search.wake()
         release_free_heap()
 
-    def give_up(self) -> None:
+    def on_shutdown(self) -> None:
         """The daemon ends before a capture that was answered ``started`` began."""
         while (request := pending_request(self._requests)) is not None:
             if request != "reload" and not isinstance(request, BaseException):
@@ -196,7 +196,7 @@ class MainLoop:
             if same:
                 return NextConfiguration(config, None)
             check_named_files(run, self._path)
-            return NextConfiguration(config, worker_with_terrain(run, beat))
+            return NextConfiguration(config, loaded_worker(run, beat))
         except SkyfixError as error:
             refused(self._state, str(error))
             self._notifier.ready(self._status)
@@ -218,11 +218,11 @@ class MainLoop:
             self._odometer_due_s = time.monotonic() + ODOMETER_EVERY_S
             state = self._odometer.to_json()
             if state != self._odometer_saved:
-                keep_odometer(self._spool, self._odometer)
+                save_odometer(self._spool, self._odometer)
                 self._odometer_saved = state
 
 
-def keep_odometer(spool: Spool, odometer: Odometer) -> None:
+def save_odometer(spool: Spool, odometer: Odometer) -> None:
     """Save the odometer's state for a restart."""
     try:
         spool.remember(ODOMETER, odometer.to_json())

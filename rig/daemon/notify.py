@@ -57,11 +57,11 @@ class Notifier:
         """All heartbeats are on time: reset the watchdog."""
         self._send("WATCHDOG=1")
 
-    def trouble(self, text: str) -> None:
-        """Show this instead of the status until ``trouble_over``."""
+    def set_fault(self, text: str) -> None:
+        """Show this instead of the status until ``clear_fault``."""
         self._send(_status_line(text))
 
-    def trouble_over(self) -> None:
+    def clear_fault(self) -> None:
         """Show the status again."""
         self._send(_status_line(self._status))
 

@@ -17,7 +17,7 @@ from rig.daemon.control import ControlSocket
 from rig.daemon.device_locks import DeviceLocks
 from rig.daemon.device_monitor import DeviceMonitor
 from rig.daemon.heartbeat import Heartbeats
-from rig.daemon.main_loop import MainLoop, RequestQueue, keep_odometer, run_of, start_worker
+from rig.daemon.main_loop import MainLoop, RequestQueue, run_of, save_odometer, start_worker
 from rig.daemon.notify import Notifier
 from rig.daemon.odometry.receiver import Odometer, OdometryListener
 from rig.daemon.publishers import publish
@@ -98,7 +98,7 @@ def run_configuration(config: RigConfig, shared: DaemonContext, started: Callabl
         odometer = None
         if run.odometry:
             odometer = Odometer(run.odometry, time.monotonic(), spool.recall(ODOMETER))
-            stack.callback(keep_odometer, spool, odometer)
+            stack.callback(save_odometer, spool, odometer)
             stack.callback(odometer.undo_capture)  # for a capture interrupted by the end
             listener = OdometryListener(run.odometry, odometer, daemon_state.set_moving)
             stack.callback(listener.close)
@@ -127,7 +127,7 @@ def run_configuration(config: RigConfig, shared: DaemonContext, started: Callabl
             finally:
                 triggers.stop()
                 if shared.signals.stopping:
-                    main_loop.give_up()
+                    main_loop.on_shutdown()
                     daemon_state.set_activity("stopping")
                     shared.notifier.stopping("ending on request")
         shared.worker = following.worker or search.release_worker()

@@ -18,7 +18,7 @@ from localizer.fix import Fix
 from localizer.track.document import TrackHypothesis
 from localizer.track.tracker import Mode
 from rig.clock import Instant
-from rig.daemon.boot import asleep_s
+from rig.daemon.boot import suspended_s
 
 EVENTS_WAITING = 256
 MIN_SUSPEND_S = 1.0
@@ -151,7 +151,7 @@ class DaemonState:
         self._events = 0
         self._devices: dict[str, DeviceHealth] = {}
         self._now = Snapshot(now, "starting", now, None, 0, (), None, None)
-        self._asleep_s = asleep_s()
+        self._asleep_s = suspended_s()
 
     def snapshot(self) -> Snapshot:
         """The present state."""
@@ -162,7 +162,7 @@ class DaemonState:
 
     def _note_suspend(self) -> None:
         """Detect a suspend: motion was not observed, and the monotonic clock stood still."""
-        now_s = asleep_s()
+        now_s = suspended_s()
         if now_s - self._asleep_s > MIN_SUSPEND_S:
             self._asleep_s = now_s
             self._now = dataclasses.replace(self._now, moved=Instant.now())

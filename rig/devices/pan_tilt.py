@@ -226,7 +226,7 @@ class PanTilt:
             servo.write("Goal Position", goal)
         except RefusedError as error:
             if error.number == StatusError.DATA_RANGE and servo.bus_watchdog_tripped():
-                remedy = "nobody spoke to it in time: raise bus_watchdog_ms, or move again"
+                remedy = "it received no packet in time (bus watchdog): raise bus_watchdog_ms, or move again"
                 raise StoppedError(servo.name, "its bus watchdog stopped it", remedy) from error
             raise
 
@@ -357,7 +357,7 @@ class PanTilt:
             raise StoppedError(
                 axis.servo.name,
                 f"its bus watchdog stopped it {where}",
-                "nobody spoke to it in time: raise bus_watchdog_ms, or move again",
+                "it received no packet in time (bus watchdog): raise bus_watchdog_ms, or move again",
             )
         if not retry(partial(axis.servo.read, "Torque Enable")):
             raise StoppedError(

@@ -31,7 +31,7 @@ class SeriesConsole:
         """Show the series' folder."""
         series = self._series
         if goes_on:
-            done = series.plan.repeat - len(series.left())
+            done = series.plan.repeat - len(series.remaining())
             self.say(
                 f"goes on with {series.folder}: {done} of {series.plan.repeat} done (--fresh begins another)"
             )

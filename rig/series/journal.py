@@ -91,7 +91,7 @@ class Series:
         """The file of a bundle's picture."""
         return self.folder / "previews" / f"{outcome.number:04}-{outcome.bundle}.jpg"
 
-    def left(self) -> list[int]:
+    def remaining(self) -> list[int]:
         """The numbers not yet taken."""
         return [number for number in range(1, self.plan.repeat + 1) if number not in self.outcomes]
 
@@ -192,7 +192,7 @@ def load_series(folder: Path) -> Series:
 
 
 @contextmanager
-def held(folder: Path) -> Iterator[Series]:
+def locked_series(folder: Path) -> Iterator[Series]:
     """The series in a folder, locked for this process, after removal of an incomplete last line and of partly written
     files.
 

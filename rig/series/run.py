@@ -22,13 +22,13 @@ def take_series(series: Series, take: Take, say: Callable[[str], None]) -> Itera
     Captures begin ``every_s`` apart, or at once if one takes longer. A resumed series keeps its schedule and repeats a
     capture that was interrupted. Raises ``SeriesError`` if the journal cannot be written.
     """
-    due_s = time.monotonic() + _still_waits_s(series)
-    for number in series.left():
-        found = _left_by_a_crash(series, number)
+    due_s = time.monotonic() + _remaining_wait_s(series)
+    for number in series.remaining():
+        found = _bundle_of_interrupted_capture(series, number)
         if found is not None:
             say(f"bundle {number} of {series.plan.repeat} was there already: {found.id}")
             yield series.taken(number, None, found, readings(found))
-            due_s = time.monotonic() + _still_waits_s(series)
+            due_s = time.monotonic() + _remaining_wait_s(series)
             continue
         wait_s = due_s - time.monotonic()
         if wait_s > 1.0:
@@ -48,7 +48,7 @@ def take_series(series: Series, take: Take, say: Callable[[str], None]) -> Itera
     series.end()
 
 
-def _still_waits_s(series: Series) -> float:
+def _remaining_wait_s(series: Series) -> float:
     """Remaining wait of the next capture after a restart; at most ``every_s``, whatever the clock says."""
     last = max(series.begun, default=0)
     if last not in series.outcomes:
@@ -57,7 +57,7 @@ def _still_waits_s(series: Series) -> float:
     return min(max(series.plan.every_s - gone_s, 0.0), series.plan.every_s)
 
 
-def _left_by_a_crash(series: Series, number: int) -> Bundle | None:
+def _bundle_of_interrupted_capture(series: Series, number: int) -> Bundle | None:
     """The bundle of a capture that finished just before a crash, without a journal entry."""
     if number not in series.begun:
         return None

@@ -24,7 +24,7 @@ def summary(series: Series) -> dict[str, Any]:
         "repeat": series.plan.repeat,
         "taken": len(taken),
         "failed": len(failed),
-        "left": len(series.left()),
+        "left": len(series.remaining()),
         "failures": [
             {"number": outcome.number, "time": utc_text(outcome.time), "reason": outcome.reason}
             for outcome in failed
@@ -41,9 +41,9 @@ def summary(series: Series) -> dict[str, Any]:
 
 def summary_text(found: Mapping[str, Any]) -> str:
     """The summary as text."""
-    left = f", {found['left']} left: the same command goes on with them" if found["left"] else ""
+    remaining = f", {found['remaining']} left: the same command goes on with them" if found["left"] else ""
     lines = [
-        f"{found['series']}: {found['taken']} of {found['repeat']} bundles taken, {found['failed']} failed{left}"
+        f"{found['series']}: {found['taken']} of {found['repeat']} bundles taken, {found['failed']} failed{remaining}"
     ]
     lines += [f"  failed  {f['number']} at {f['time']}: {f['reason']}" for f in found["failures"]]
     if found["took_s"]:

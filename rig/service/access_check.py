@@ -8,7 +8,7 @@ HOMES = Path("/home"), Path("/root"), Path("/run/user")
 """Hidden from the service by systemd's ProtectHome."""
 
 
-def unreachable(rig: Path) -> str | None:
+def access_problem(rig: Path) -> str | None:
     """Why the service could not run ``rig`` (it, its Python or this code is in a home directory or an inaccessible
     folder); else None.
     """

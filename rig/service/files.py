@@ -14,7 +14,7 @@ from typing import Literal
 
 from rig.errors import RigError
 
-State = Literal["absent", "installed", "another version", "changed by hand"]
+FileState = Literal["absent", "installed", "another version", "changed by hand"]
 
 SPOOL = "/var/lib/skyfix/spool"
 """A service writes below /var only."""
@@ -32,7 +32,7 @@ class ServiceFile:
         """Its path on this machine."""
         return root / self.path
 
-    def state(self, root: Path) -> State:
+    def state(self, root: Path) -> FileState:
         """State of the installed file. Raises ``OSError`` if it cannot be read."""
         try:
             found = self.at(root).read_bytes()

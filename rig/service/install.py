@@ -8,20 +8,20 @@ from pathlib import Path
 
 from rig.atomic import write_atomically
 from rig.errors import RigError
-from rig.service.access_check import unreachable
-from rig.service.files import ServiceFile, State, program, service_files
+from rig.service.access_check import access_problem
+from rig.service.files import FileState, ServiceFile, program, service_files
 
 Say = Callable[[str], None]
 
 CONFIGURATION = Path("/etc/skyfix/vehicle.toml")
 COMMAND_TIMEOUT_S = 120.0
-_DONE: dict[State, str] = {
+_DONE: dict[FileState, str] = {
     "absent": "written",
     "installed": "is there already",
     "another version": "brought up to date",
     "changed by hand": "replaced, with what somebody had changed in it",
 }
-_WOULD: dict[State, str] = {
+_WOULD: dict[FileState, str] = {
     "absent": "would be written",
     "installed": "is there already",
     "another version": "would be brought up to date",
@@ -46,7 +46,7 @@ def install(root: Path, *, dry_run: bool, force: bool, say: Say) -> None:
     """
     files = service_files()
     live = root == Path("/")
-    hindrance = unreachable(program())
+    hindrance = access_problem(program())
     if hindrance and live:
         raise RigError(
             f"{hindrance}; install skyfix into /opt/skyfix and run /opt/skyfix/bin/rig service install"
@@ -109,7 +109,7 @@ def uninstall(root: Path, *, dry_run: bool, say: Say) -> bool:
     return all(state != "changed by hand" for _, state in states)
 
 
-def _state(file: ServiceFile, root: Path) -> State:
+def _state(file: ServiceFile, root: Path) -> FileState:
     try:
         return file.state(root)
     except OSError as error:

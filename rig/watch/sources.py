@@ -12,7 +12,7 @@ import numpy as np
 
 from rig.attitude.altitude_plausibility import AltitudeBounds, altitude_bounds, require_plausible_altitude
 from rig.attitude.level import in_axes
-from rig.attitude.talker_headings import heading_doubts
+from rig.attitude.talker_headings import heading_notes
 from rig.capture.averaged_readings import altitude_from, read_level, read_pressure
 from rig.check.devices import BRIGHT, DARK
 from rig.config.model import RigConfig
@@ -148,17 +148,19 @@ def _compass(section: CompassSection, place: Place | None) -> Iterator[Source]:
             last = readings[-1]
             if isinstance(last, HeadingReading):
                 assert isinstance(section, NmeaCompassSection)
-                return _heading(last, _doubts(last, section, place))
+                return _heading(last, _heading_notes(last, section, place))
             assert isinstance(section, Mmc5983maSection)
             return _field([each for each in readings if isinstance(each, FieldReading)], section)
 
         yield Source(compass.identify(), read)
 
 
-def _doubts(reading: HeadingReading, section: NmeaCompassSection, place: Place | None) -> tuple[str, ...]:
+def _heading_notes(
+    reading: HeadingReading, section: NmeaCompassSection, place: Place | None
+) -> tuple[str, ...]:
     """The notes, or the error, that a capture would make of a heading."""
     try:
-        return tuple(heading_doubts([reading], section, place))
+        return tuple(heading_notes([reading], section, place))
     except RigError as error:
         return (str(error),)
 

@@ -18,7 +18,7 @@ STALE_AFTER_S = 3.0
 END_S = 6.0
 """A thread ends after its current reading, which takes this long only if a port was unplugged."""
 
-State = Literal["connecting", "ok", "warning", "silent", "failing"]
+ReadState = Literal["connecting", "ok", "warning", "silent", "failing"]
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class DeviceStatus:
     """State of one device. ``problem`` is its present fault, ``reading`` the last good one, of any age."""
 
     name: str
-    state: State
+    state: ReadState
     identity: str
     reading: Reading | None
     problem: str | None
@@ -96,7 +96,7 @@ class Watcher:
 
     def _read(self, name: str, identity: str, reading: Reading) -> None:
         problem = "; ".join(reading.warnings) or None
-        state: State = "warning" if problem else "ok"
+        state: ReadState = "warning" if problem else "ok"
         with self._lock:
             failures = self._statuses[name].failures
             self._statuses[name] = DeviceStatus(name, state, identity, reading, problem, failures)

@@ -100,8 +100,8 @@ def run_(
 ) -> int:
     """Run COMMAND with a simulated rig.
 
-    COMMAND finds the rig's configuration in SKYFIX_CONFIG and, for tests only, the truth in SKYFIX_TRUTH. The
-    exit status is COMMAND's.
+    COMMAND gets the rig's configuration in SKYFIX_CONFIG and, for tests only, the truth in SKYFIX_TRUTH. The exit
+    status is COMMAND's.
 
     \b
     Examples:
@@ -161,7 +161,7 @@ def render(
     tilt_deg: float,
     as_json: bool,
 ) -> None:
-    """Draw what the camera sees in some directions, the whole view on one sheet, and the truth about it.
+    """Render the camera's view in some directions, the whole panorama on one sheet, and the truth.
 
     Example: sim render --seed 7 --azimuth 45 --out pictures
     """
@@ -210,9 +210,10 @@ def render(
 def demo(
     dem_paths: tuple[Path, ...], seed: int, scenario_path: Path | None, folder: Path, as_json: bool
 ) -> int:
-    """Capture with a simulated rig somewhere on the terrain, and find out where that was.
+    """Capture with a simulated rig at a drawn place on the terrain, and locate it.
 
-    Ends with 0 where the answer is honest (a fix within what it claims, ambiguous, none) and 5 for a wrong fix.
+    Ends with 0 if the answer is consistent (a fix within its stated uncertainty, ambiguous, none) and 5 for a wrong
+    fix.
 
     Example: sim demo --seed 7 --out demo
     """

@@ -31,10 +31,10 @@ _WGS84 = Geod(ellps="WGS84")
 @click.option("--json", "as_json", is_flag=True, help="Print the truth there as one JSON object.")
 @one_line_failures
 def drive(lat_deg: float, lon_deg: float, heading_deg: float | None, seconds: float, as_json: bool) -> None:
-    """Drive the simulated vehicle straight to LAT LON and have it stand there, level.
+    """Drive the simulated vehicle straight to LAT LON and stop there, level.
 
-    To be run beside the rig, by a command of sim run. It shakes on the way, and its odometer says speed and course to
-    [run.odometry] listen. Prints the truth's latitude, longitude and altitude there.
+    Run it while the rig runs, within a command of sim run. The vehicle vibrates while driving, and its odometer sends
+    speed and course to [run.odometry] listen. Prints the truth's latitude, longitude and altitude there.
 
     Example: sim run --seed 3 -- sh -c 'rig run & sleep 60; sim drive 37.31 -122.21; sleep 60'
     """

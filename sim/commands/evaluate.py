@@ -71,13 +71,13 @@ def evaluate(
     fresh: bool,
     as_json: bool,
 ) -> int:
-    """Make many cases, locate each, and sum up how that went.
+    """Make many cases, locate each, and compute summary statistics.
 
-    Writes cases.csv, summary.json, summary.md and plots. The same seed makes the same cases, however many jobs there
-    are; an interrupted run continues where it was.
+    Writes cases.csv, summary.json, summary.md and plots. The same seed makes the same cases for any number of jobs; an
+    interrupted run can be resumed.
 
-    With --photos: how well skylines are found in real photographs, and places by them; --out may be left out. Ends with 5
-    where another place was called the fix.
+    With --photos: evaluates skylines in real photographs, and positions from them; --out is optional. Ends with 5 if a
+    wrong place got a fix.
 
     Example: sim evaluate --dem dem.tif --scenario configs/scenarios/evaluate/realistic.toml --cases 200 --out results
     """
@@ -91,7 +91,7 @@ def evaluate(
 
     from sim.evaluate.case import Experiment
     from sim.evaluate.image_level import refuse_contour_faults
-    from sim.evaluate.progress import counting
+    from sim.evaluate.progress import case_progress
     from sim.evaluate.run import run_cases
     from sim.evaluate.scenario import load_evaluation_scenario
     from sim.evaluate.summary_files import write_summary
@@ -104,7 +104,7 @@ def evaluate(
     experiment = Experiment(dem_paths, scenario, seed, level, estimator_only)
     prepare_folder("--out", folder)
     numbers = sorted(set(only)) or list(range(cases))
-    with counting(len(numbers)) as report:
+    with case_progress(len(numbers)) as report:
         rows = run_cases(experiment, numbers, folder / "cases.csv", jobs, fresh, report)
     text = write_summary(rows, scenario_path.stem, folder)
     click.echo((folder / "summary.json").read_text(encoding="utf-8").strip() if as_json else text)

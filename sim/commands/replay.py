@@ -13,11 +13,11 @@ from sim.launch.child_command import find_command, run_command
 @click.argument("command", metavar="-- COMMAND...", nargs=-1, required=True, type=click.UNPROCESSED)
 @one_line_failures
 def replay(log: Path, command: tuple[str, ...]) -> int:
-    """Run COMMAND with the devices that rig record logged: each says again what it said then.
+    """Run COMMAND with the devices of a log of rig record; each repeats what it sent.
 
-    COMMAND finds the configuration of then, pointed at the played-back devices, in SKYFIX_CONFIG. The camera, which no log
-    holds, is grey, and the clock is that of then. What COMMAND asks and the log cannot answer is told at the end. The exit
-    status is COMMAND's.
+    COMMAND gets the recorded configuration, adapted to the played-back devices, in SKYFIX_CONFIG. The camera is grey,
+    as pictures are not logged, and the clock is the recorded one. Requests that the log cannot answer are reported at
+    the end. The exit status is COMMAND's.
 
     Example: sim replay field.log -- rig check
     """

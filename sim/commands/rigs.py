@@ -57,9 +57,9 @@ def rigs(
     keep: Path | None,
     as_json: bool,
 ) -> int:
-    """Calibrate simulated rigs whose mounting errors are large and unknown, and judge the bundles that they then take.
+    """Calibrate simulated rigs with large unknown mounting errors, and judge the bundles that they then take.
 
-    A scripted person does what rig calibrate asks for. Ends with 0 where all errors are within their limits, else 5.
+    A scripted operator does what rig calibrate asks for. Ends with 0 if all errors are within their limits, else 5.
 
     Example: sim rigs --rigs 20 --csv rigs.csv
     """

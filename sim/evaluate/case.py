@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from localizer.dem.crs import transform_xy
 from localizer.dem.horizon import Terrain
 from localizer.search.locate import locate, locate_bundle
-from sim.evaluate.answer import Answer
+from sim.evaluate.case_result import CaseResult
 from sim.evaluate.contour_level import observation_of, searched_contour
 from sim.evaluate.crlb import Bound, cramer_rao_bound, rms_m
 from sim.evaluate.disturb import disturb, true_contours
@@ -30,7 +30,7 @@ Level = Literal["contour", "image"]
 Array = NDArray[np.float64]
 
 NEAR_CELLS = 3.0
-STRAY_PX = 3.0
+OUTLIER_PX = 3.0
 NO_BOUND = Bound(None, None, None, None)
 
 
@@ -99,20 +99,22 @@ def _locate_contours(
     columns: Array,
     exact: list[Array],
     rng: Generators,
-) -> tuple[Answer, Bound, float]:
+) -> tuple[CaseResult, Bound, float]:
     disturbed = disturb(truth, scenario, columns, exact, rng)
     observation = observation_of(truth, scenario, columns, disturbed)
     begin = time.perf_counter()
     located = locate(terrain, observation)
     took_s = time.perf_counter() - begin
-    answer = Answer.to_observation(terrain, observation, located)
+    answer = CaseResult.to_observation(terrain, observation, located)
     return answer, cramer_rao_bound(truth, scenario, columns, disturbed), took_s
 
 
-def _locate_pictures(terrain: Terrain, truth: Truth, scenario: EvaluationScenario, rng: Generators) -> Answer:
+def _locate_pictures(
+    terrain: Terrain, truth: Truth, scenario: EvaluationScenario, rng: Generators
+) -> CaseResult:
     with tempfile.TemporaryDirectory() as folder:
         bundle = write_pictures(truth, scenario, int(rng("pictures").integers(2**32)), Path(folder) / "case")
-        return Answer.to_bundle(locate_bundle(bundle, terrain.dem))
+        return CaseResult.to_bundle(locate_bundle(bundle, terrain.dem))
 
 
 def _on_searched_ground(truth: Truth, terrain: Terrain, scenario: EvaluationScenario) -> Truth:
@@ -128,7 +130,7 @@ def _row(
     terrain: Terrain,
     outside: bool,
     exact: list[Array],
-    answer: Answer,
+    answer: CaseResult,
     bound: Bound,
     took_s: float | None,
 ) -> CaseRow:
@@ -181,7 +183,7 @@ def _row(
         azimuth_bias_deg=fix.nuisance.azimuth_bias_deg if fix.nuisance else None,
         columns_used=len(contour_error),
         contour_median_px=float(np.median(contour_error)) if len(contour_error) else None,
-        contour_stray_share=float(np.mean(contour_error > STRAY_PX)) if len(contour_error) else None,
+        contour_stray_share=float(np.mean(contour_error > OUTLIER_PX)) if len(contour_error) else None,
         cells=fix.stage1.cells,
         after_altitude=fix.stage1.after_altitude,
         after=compact_json(fix.stage1.after),
@@ -191,7 +193,7 @@ def _row(
     )
 
 
-def _contour_errors(exact: list[Array], answer: Answer) -> Array:
+def _contour_errors(exact: list[Array], answer: CaseResult) -> Array:
     """Distance of the contours' points (n,) from the terrain's skyline, px; infinite if that is outside the picture."""
     errors = [
         np.abs(np.nan_to_num(true_rows[np.round(u).astype(int)], nan=np.inf) - v)

@@ -14,7 +14,7 @@ LINES = 20  # in a whole run
 
 
 @contextmanager
-def counting(cases: int) -> Iterator[Callable[[CaseRow], None]]:
+def case_progress(cases: int) -> Iterator[Callable[[CaseRow], None]]:
     """A callback for finished rows."""
     console = Console(stderr=True)
     seen: Counter[str] = Counter()

@@ -35,7 +35,9 @@ def run_cases(
     rows = {} if fresh else read_table(table, settings)
     start_table(table, settings, list(rows.values()))
     missing = [case for case in cases if case not in rows]
-    for row in _in_processes(experiment, missing, jobs) if jobs > 1 else _here(experiment, missing):
+    for row in (
+        _in_processes(experiment, missing, jobs) if jobs > 1 else _in_this_process(experiment, missing)
+    ):
         append_row(table, row)
         rows[row.case] = row
         report(row)
@@ -43,7 +45,7 @@ def run_cases(
     return [rows[case] for case in cases]
 
 
-def _here(experiment: Experiment, cases: Sequence[int]) -> Iterator[CaseRow]:
+def _in_this_process(experiment: Experiment, cases: Sequence[int]) -> Iterator[CaseRow]:
     for case in cases:
         yield run_case(experiment, case)
 
@@ -54,7 +56,7 @@ def _in_processes(experiment: Experiment, cases: Sequence[int], jobs: int) -> It
     with _environment(ONE_THREAD):
         # New processes, not forks: numba needs its number of threads at start-up.
         pool = ProcessPoolExecutor(
-            min(jobs, len(cases)), multiprocessing.get_context("spawn"), initializer=_leave_interrupts_alone
+            min(jobs, len(cases)), multiprocessing.get_context("spawn"), initializer=_ignore_interrupts
         )
         try:
             waiting: list[Future[CaseRow]] = [pool.submit(run_case, experiment, case) for case in cases]
@@ -64,7 +66,7 @@ def _in_processes(experiment: Experiment, cases: Sequence[int], jobs: int) -> It
             pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _leave_interrupts_alone() -> None:
+def _ignore_interrupts() -> None:
     """Ignore Ctrl-C, which reaches the whole process group: the parent decides, workers finish their case."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 

@@ -61,7 +61,7 @@ def read_table(path: Path, settings: dict[str, Any]) -> dict[int, CaseRow]:
 
 
 def start_table(path: Path, settings: dict[str, Any], rows: Sequence[CaseRow]) -> None:
-    """Write a table anew, in the order of the cases; the old one stays until the new one is complete."""
+    """Rewrite a table in the order of the cases; the old one stays until the new one is complete."""
     fresh = path.with_suffix(".part")
     with fresh.open("w", encoding="utf-8", newline="") as file:
         file.write(MARK + json.dumps(settings) + "\n")

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from sim.errors import SimulationError
-from sim.faults.catalogue import CATALOGUE, DEVICES, Kind
+from sim.faults.catalogue import CATALOGUE, DEVICES, FaultKind
 
 COMMON_KEYS = ("at", "device", "fault", "for")
 
@@ -73,7 +73,7 @@ def _fault(entry: Any) -> Fault:
     device, name = entry["device"], entry["fault"]
     if device not in DEVICES:
         raise ValueError(f"there is no device {device!r}{_instead(device, DEVICES)}")
-    kinds: dict[str, Kind] = {}
+    kinds: dict[str, FaultKind] = {}
     for group in DEVICES[device]:
         kinds |= CATALOGUE[group]
     if name not in kinds:

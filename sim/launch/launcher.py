@@ -21,7 +21,7 @@ from sim.devices.servo_bus import ServoBus
 from sim.devices.talkers import Talker
 from sim.devices.x_series import BAUD_RATES, MODELS
 from sim.faults.chip import FaultyChip
-from sim.faults.player import Stage, playing
+from sim.faults.injector import FaultTargets, injecting_faults
 from sim.faults.script import Fault
 from sim.launch import fitted_sensors
 from sim.launch.fitted_sensors import FittedChip, FittedTalker
@@ -76,7 +76,7 @@ class SimulatedRig:
     i2c: I2cBridge
     camera: CameraStream
     talkers: tuple[Talker, ...]
-    stage: Stage
+    stage: FaultTargets
     clock_steps: bool
     world: World
     scene_camera: SceneCamera
@@ -202,7 +202,7 @@ def simulated_rig(
             return fitted.keys | where
 
         bundle_dir = (bundle_dir or Path.cwd() / "bundles").absolute()
-        stage = Stage(
+        stage = FaultTargets(
             servo_port,
             servo_bus,
             {"pan": pan, "tilt": tilt},
@@ -236,7 +236,7 @@ def simulated_rig(
         )
         config_path.write_text(config, encoding="utf-8")
         truth_path.write_text(json.dumps(world.truth_json(), indent=2), encoding="utf-8")
-        running.enter_context(playing(stage, faults, say))
+        running.enter_context(injecting_faults(stage, faults, say))
         rig = SimulatedRig(
             config_path,
             truth_path,

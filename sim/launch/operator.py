@@ -55,7 +55,7 @@ def operate(
         assert process.stdin is not None
         assert process.stderr is not None
         last_line = ""
-        with process, _ended_early(process):
+        with process, _terminating_on_error(process):
             for line in process.stderr:
                 last_line = line.rstrip("\n") or last_line
                 hear(line.rstrip("\n"))
@@ -69,7 +69,7 @@ def operate(
 
 
 @contextmanager
-def _ended_early(process: "subprocess.Popen[str]") -> Iterator[None]:
+def _terminating_on_error(process: "subprocess.Popen[str]") -> Iterator[None]:
     """End a process if the context ends with an exception."""
     try:
         yield

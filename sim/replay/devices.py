@@ -8,7 +8,7 @@ from typing import Any
 from sim.devices.dynamixel_packet import HEADER, Instruction, Request, RequestReader
 from sim.devices.pty_port import PtyPort
 from sim.replay.registers import RESERVED, set_up_answer
-from sim.replay.response_lookup import RecordedExchange, ResponseLookup, epoch_heard
+from sim.replay.response_lookup import RecordedExchange, ResponseLookup, recorded_epoch
 
 NO_ACKNOWLEDGE = 121
 LISTENER_S = 0.3
@@ -231,7 +231,7 @@ class ReplayedTalker:
             self._say("holds nothing of this port")
             return
         while not self._stop.is_set():
-            now = epoch_heard(stops, self._epoch())
+            now = recorded_epoch(stops, self._epoch())
             self._say_once([(t, data) for t, data, at in self._said if at == now], now, stops)
 
     def _say_once(self, said: Sequence[tuple[float, bytes]], now: int, stops: Sequence[int]) -> None:
@@ -240,7 +240,7 @@ class ReplayedTalker:
         for at_s, data in said:
             if self._stop.wait(pause_s + at_s - before_s):
                 return
-            if epoch_heard(stops, self._epoch()) != now:
+            if recorded_epoch(stops, self._epoch()) != now:
                 return
             self._port.send(data)
             pause_s, before_s = 0.0, at_s

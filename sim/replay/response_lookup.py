@@ -108,11 +108,14 @@ class ResponseLookup(Generic[Answer]):
         after = -1 if self._at is None else self._at
         following = starts[bisect_right(starts, after) % len(starts)]
         now = self._epoch()
-        if self._alike(following) == len(self._before) and self._exchanges[following].epoch == now:
+        if (
+            self._matching_commands(following) == len(self._before)
+            and self._exchanges[following].epoch == now
+        ):
             return following  # the usual case; checking all positions is slow for long logs
-        most = max(self._alike(number) for number in starts)
-        alike = [number for number in starts if self._alike(number) == most]
-        heard = epoch_heard(sorted({self._exchanges[number].epoch for number in alike}), now)
+        most = max(self._matching_commands(number) for number in starts)
+        alike = [number for number in starts if self._matching_commands(number) == most]
+        heard = recorded_epoch(sorted({self._exchanges[number].epoch for number in alike}), now)
         here = [number for number in alike if self._exchanges[number].epoch == heard]
         next_here = bisect_right(here, after)
         if len(here) < len(alike) and (heard != now or next_here == len(here)):
@@ -120,7 +123,7 @@ class ResponseLookup(Generic[Answer]):
             next_here = bisect_right(here, after)
         return here[next_here % len(here)]
 
-    def _alike(self, number: int) -> int:
+    def _matching_commands(self, number: int) -> int:
         """Number of commands before this position that match the present ones, counted backwards."""
         count = 0
         for now, then in zip(reversed(self._before), reversed(self._contexts[number]), strict=False):
@@ -130,6 +133,6 @@ class ResponseLookup(Generic[Answer]):
         return count
 
 
-def epoch_heard(epochs: Sequence[int], now: int) -> int:
+def recorded_epoch(epochs: Sequence[int], now: int) -> int:
     """The recorded epoch (of the ascending ones) that stands for ``now``: the last before it, or the first."""
     return epochs[max(0, bisect_right(epochs, now) - 1)]

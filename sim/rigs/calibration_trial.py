@@ -25,7 +25,7 @@ from sim.launch.operator import Done, operate, turn_asked_deg
 from sim.render.calibration_target import CalibrationTargetPictures
 from sim.render.panorama import render_panorama
 from sim.render.renderer import Renderer
-from sim.rigs.bundle_error import BundleError, CameraLog, bundle_error
+from sim.rigs.bundle_deviation import BundleDeviation, CameraLog, bundle_deviation
 from sim.rigs.parallel import run_in_parallel
 from sim.world.mechanics import Rotation
 from sim.world.scenario import Scenario
@@ -33,7 +33,7 @@ from sim.world.truth import World
 
 DRIVE_H = 0.25
 TAKE_UP_DEG = 1.5
-PATIENCE_S = 15.0
+CAMERA_TIMEOUT_S = 15.0
 STEERING_SIGMA_DEG = 8.0
 LIMITS = {
     "tilt_deg": 0.02,
@@ -128,7 +128,7 @@ def calibrate_rig(
         try:
             errors = _errors(dem_paths, scenario, world, folder)
         except SimulationError as error:
-            return RigResult(seed, str(error), **_wrong_with(world))
+            return RigResult(seed, str(error), **_initial_errors(world))
         else:
             _write_errors(folder / "errors.json", world, *errors)
         finally:
@@ -151,12 +151,12 @@ def write_csv(results: Sequence[RigResult], path: Path) -> None:
 
 def _errors(
     dem_paths: Sequence[Path], scenario: Scenario, world: World, folder: Path
-) -> tuple[BundleError, BundleError]:
+) -> tuple[BundleDeviation, BundleDeviation]:
     """Errors of the bundle at the known place, and of that at the other place."""
     with _running(world, None) as (rig, sight):
         files = _calibrate(rig, sight, world, dem_paths, folder)
         known = _capture(rig, sight, world, folder / "known")
-    elsewhere = World.create(dem_paths, _later(scenario), world.seed)
+    elsewhere = World.create(dem_paths, _at_next_stop(scenario), world.seed)
     with _running(elsewhere, files) as (rig, sight):
         other = _capture(rig, sight, elsewhere, folder / "other")
     return known, other
@@ -173,7 +173,8 @@ def _running(
         config = config.replace("[pan_tilt]\n", f"[pan_tilt]\ntake_up_deg = {TAKE_UP_DEG}\n")
         # Parallel rigs render slowly; camera timeouts are not tested here.
         config = config.replace(
-            "[camera]\n", f"[camera]\nopen_timeout_s = {PATIENCE_S}\nread_timeout_s = {PATIENCE_S}\n"
+            "[camera]\n",
+            f"[camera]\nopen_timeout_s = {CAMERA_TIMEOUT_S}\nread_timeout_s = {CAMERA_TIMEOUT_S}\n",
         )
         rig.config_path.write_text(config)
         yield rig, sight
@@ -201,7 +202,7 @@ def _at_good_site(dem_paths: Sequence[Path], scenario: Scenario, seed: int) -> S
     return scenario.model_copy(update={"place": place})
 
 
-def _later(scenario: Scenario) -> Scenario:
+def _at_next_stop(scenario: Scenario) -> Scenario:
     """The scenario of the next stop of the same trip."""
     place = scenario.place.model_copy(
         update={"stop": scenario.place.stop + 1, "lat_deg": None, "lon_deg": None}
@@ -239,12 +240,12 @@ def _calibrate(
     return {kind: (rig.config_path.parent / file).resolve() for kind, file in named.items()}
 
 
-def _capture(rig: SimulatedRig, sight: _CameraScene, world: World, out: Path) -> BundleError:
+def _capture(rig: SimulatedRig, sight: _CameraScene, world: World, out: Path) -> BundleDeviation:
     done = operate(
         ["rig", "capture", "--out", str(out)], rig.environment, lambda line: None, lambda line: None
     )
     _require(done)
-    return bundle_error(Path(done.out.splitlines()[-1]), world, sight.log)
+    return bundle_deviation(Path(done.out.splitlines()[-1]), world, sight.log)
 
 
 def _require(done: Done) -> None:
@@ -252,13 +253,13 @@ def _require(done: Done) -> None:
         raise SimulationError(done.last_line)
 
 
-def _write_errors(path: Path, world: World, known: BundleError, other: BundleError) -> None:
+def _write_errors(path: Path, world: World, known: BundleDeviation, other: BundleDeviation) -> None:
     """Write the rig's initial errors and the remaining ones of each frame, to trace an error to its step."""
     content = {"biases": asdict(world.biases), "known": asdict(known), "other": asdict(other)}
     path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
-def _wrong_with(world: World) -> dict[str, float]:
+def _initial_errors(world: World) -> dict[str, float]:
     biases = world.biases
     return {
         "boresight_azimuth_deg": biases.boresight.heading_deg,
@@ -268,11 +269,11 @@ def _wrong_with(world: World) -> dict[str, float]:
     }
 
 
-def _result(seed: int, world: World, known: BundleError, other: BundleError) -> RigResult:
+def _result(seed: int, world: World, known: BundleDeviation, other: BundleDeviation) -> RigResult:
     return RigResult(
         seed,
         "",
-        **_wrong_with(world),
+        **_initial_errors(world),
         tilt_deg=max(known.tilt_deg, other.tilt_deg, key=abs),
         roll_deg=max(known.roll_deg, other.roll_deg, key=abs),
         relative_azimuth_deg=max(known.relative_azimuth_deg, other.relative_azimuth_deg, key=abs),

@@ -77,17 +77,17 @@ def draw_biases(scenario: Scenario, temperature_c: float, seed: int) -> Biases:
     zero_mg = tilt_meter.normal(size=3) * scenario.inclinometer.zero_offset_sigma_mg
     drift_mg_c = tilt_meter.normal(size=3) * scenario.inclinometer.temperature_drift_sigma_mg_c
     hard_iron = compass.normal(size=3) * scenario.compass.hard_iron_sigma_ut
-    askew, bent, told = (
+    mounting_rng, iron_rng, intrinsics_rng = (
         random_generator(seed, purpose) for purpose in ("chip mounting", "soft iron", "told camera")
     )
     joints = random_generator(seed, "joint zeros").normal(size=2) * scenario.servo.zero_sigma_deg
-    mounting_deg = askew.normal(size=3) * scenario.inclinometer.mounting_sigma_deg
-    scale = 1.0 + askew.normal(size=3) * scenario.inclinometer.scale_sigma
-    stage_soft = _bent(bent, scenario.compass.soft_iron_sigma)
-    vehicle_soft = _bent(bent, scenario.compass.vehicle_soft_iron_sigma)
-    vehicle_hard = bent.normal(size=3) * scenario.compass.vehicle_hard_iron_sigma_ut
-    focal = 1.0 + told.normal(size=2) * scenario.camera.told_focal_sigma
-    centre_px = told.normal(size=2) * scenario.camera.told_centre_sigma_px
+    mounting_deg = mounting_rng.normal(size=3) * scenario.inclinometer.mounting_sigma_deg
+    scale = 1.0 + mounting_rng.normal(size=3) * scenario.inclinometer.scale_sigma
+    stage_soft = _bent(iron_rng, scenario.compass.soft_iron_sigma)
+    vehicle_soft = _bent(iron_rng, scenario.compass.vehicle_soft_iron_sigma)
+    vehicle_hard = iron_rng.normal(size=3) * scenario.compass.vehicle_hard_iron_sigma_ut
+    focal = 1.0 + intrinsics_rng.normal(size=2) * scenario.camera.told_focal_sigma
+    centre_px = intrinsics_rng.normal(size=2) * scenario.camera.told_centre_sigma_px
     believed = hard_iron + compass.normal(size=3) * scenario.compass.hard_iron_calibration_sigma_ut
     return Biases(
         boresight=Attitude(*(float(x) for x in boresight)),

@@ -21,7 +21,7 @@ from localizer.errors import SkyfixError
 from rig.attitude.kinematics import wrapped_deg
 from rig.devices.pan_tilt import PanTilt
 from sim.faults.catalogue import CATALOGUE, DEVICES
-from sim.faults.player import steps
+from sim.faults.injector import steps
 from sim.faults.script import Fault, parse_faults
 from sim.launch.child_command import find_command
 
@@ -195,7 +195,7 @@ def assert_says(case: Case, said: str) -> None:
 
 
 def assert_safe(quick: Quick, message: str) -> None:
-    """Without torque; or, where the head could not be told so, still, and the message says so."""
+    """Torque off; or, if that was impossible, stationary with a message that says so."""
     deadline_s = time.monotonic() + 1.0  # the bus watchdog of these tests is 0.4 s
     while not quick.is_safe:
         assert time.monotonic() < deadline_s, "the head moves"

@@ -1,4 +1,4 @@
-"""A series whose process is killed again and again, as by power cuts, comes to its end with every number taken once."""
+"""A series whose process is killed repeatedly, as by power cuts, ends with every number taken once."""
 
 import contextlib
 import json

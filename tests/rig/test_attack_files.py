@@ -40,7 +40,7 @@ from rig.daemon.http.access_control import read_token
 from rig.daemon.spool.index import stored_leg
 from rig.daemon.spool.store import Spool
 from rig.errors import ConfigError
-from rig.series.journal import SeriesError, held, load_series
+from rig.series.journal import SeriesError, load_series, locked_series
 from rig.telemetry import reader
 from rig.telemetry.reader import TelemetryFile, TelemetryReadError, mend
 from sim.commands.cli import sim
@@ -261,7 +261,7 @@ def test_links_among_what_a_series_left_half_written_are_taken_away_and_not_foll
     (folder / "previews" / ".c.partial").mkdir()
     plan = {"repeat": 2, "every_s": 0.0, "directions": ["N"], "rig": "x"}
     (folder / "series.jsonl").write_text(json.dumps({"schema": "skyfix.series/1", "plan": plan}) + "\n")
-    with held(folder):
+    with locked_series(folder):
         pass
     assert not list(folder.glob("*/.*.partial"))
     assert (tmp_path / "kept" / "file").exists()

@@ -1,4 +1,4 @@
-"""Every place that takes bytes from outside, fed with any bytes: a value or the error that it names, nothing else."""
+"""Every reader of external bytes, with arbitrary bytes: a value or its documented error, nothing else."""
 
 import importlib.util
 import os

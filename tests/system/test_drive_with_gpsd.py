@@ -1,4 +1,4 @@
-"""A drive on the simulated rig: the daemon's every position, as gpsd reports it, beside the truth."""
+"""A drive on the simulated rig: every position of the daemon, as reported by gpsd, against the truth."""
 
 import time
 from dataclasses import dataclass

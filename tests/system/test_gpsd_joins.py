@@ -1,4 +1,4 @@
-"""gpsd that begins to listen before, during and after a fix, or anew: it reports what holds, without flipping."""
+"""gpsd that connects before, during and after a fix, or again: it reports correctly, without alternating."""
 
 import socket
 import time

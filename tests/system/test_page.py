@@ -43,7 +43,7 @@ def window(program: Callable[[str], Path], tmp_path: Path) -> Callable[[str], ob
 
 
 class Rig:
-    """A daemon's board and spool, and the server over them, which can be stopped and started again."""
+    """A daemon state and a spool, and the server on them, which can be stopped and started again."""
 
     def __init__(self, folder: Path) -> None:
         self.spool, self.daemon_state, self.actions = (

@@ -13,9 +13,9 @@ from scipy.linalg import solve_triangular
 
 Vector = NDArray[np.float64]
 
-ALIKE_M = 60.0
+CORRELATION_M = 60.0
 """Correlation length of the DEM's height errors: two cells of a typical DEM."""
-COMMON_SHARE, COMMON_SPAN = 0.25, 0.7
+COMMON_VARIANCE_SHARE, COMMON_SPAN = 0.25, 0.7
 """Share of the variance common to ridges of similar distance, and the range of "similar" (natural logarithm of
 distance).
 """
@@ -49,13 +49,13 @@ def covariance_deg2(sigma_deg: Vector, azimuth_deg: Vector, distance_m: Vector) 
     where_m = np.column_stack([distance_m * np.sin(azimuth), distance_m * np.cos(azimuth)])
     apart_m = np.linalg.norm(where_m[:, None, :] - where_m[None, :, :], axis=-1)
     far = np.log(distance_m)
-    common = COMMON_SHARE * np.exp(-np.abs(far[:, None] - far[None, :]) / COMMON_SPAN)
-    alike = (1.0 - COMMON_SHARE) * np.exp(-apart_m / ALIKE_M) + common
+    common = COMMON_VARIANCE_SHARE * np.exp(-np.abs(far[:, None] - far[None, :]) / COMMON_SPAN)
+    alike = (1.0 - COMMON_VARIANCE_SHARE) * np.exp(-apart_m / CORRELATION_M) + common
     return np.asarray(alike * np.outer(sigma_deg, sigma_deg))
 
 
 def fit_dem_error_model(
-    left_deg: Vector, image_deg: Vector, dem_deg: Vector, alike_deg2: Vector
+    residual_deg: Vector, image_deg: Vector, dem_deg: Vector, dem_covariance_deg2: Vector
 ) -> DemErrorModel:
     """Fit the DEM's error factor to the residuals at n points, given image and DEM sigmas and the stated DEM covariance
     (n, n).
@@ -63,15 +63,15 @@ def fit_dem_error_model(
     The factor is the maximum-likelihood one; outliers get a larger image sigma.
     """
     sigma_deg = np.hypot(image_deg, dem_deg)
-    spread = max(1.4826 * float(np.median(np.abs(left_deg / sigma_deg))), MIN_SPREAD)
-    distrust = np.maximum(np.abs(left_deg) / (OUTLIER_SIGMAS * spread * sigma_deg), 1.0) ** 2
+    spread = max(1.4826 * float(np.median(np.abs(residual_deg / sigma_deg))), MIN_SPREAD)
+    distrust = np.maximum(np.abs(residual_deg) / (OUTLIER_SIGMAS * spread * sigma_deg), 1.0) ** 2
     of_image = np.diag((image_deg * distrust) ** 2)
-    roots = [np.linalg.cholesky(alike_deg2 * factor**2 + of_image) for factor in FACTORS]
-    best = int(np.argmax([_log_likelihood(root, left_deg) for root in roots]))
-    whiten = solve_triangular(roots[best], np.eye(len(left_deg)), lower=True)
+    roots = [np.linalg.cholesky(dem_covariance_deg2 * factor**2 + of_image) for factor in FACTORS]
+    best = int(np.argmax([_log_likelihood(root, residual_deg) for root in roots]))
+    whiten = solve_triangular(roots[best], np.eye(len(residual_deg)), lower=True)
     return DemErrorModel(np.asarray(whiten), float(FACTORS[best]))
 
 
-def _log_likelihood(root: Vector, left_deg: Vector) -> float:
-    white = solve_triangular(root, left_deg, lower=True)
+def _log_likelihood(root: Vector, residual_deg: Vector) -> float:
+    white = solve_triangular(root, residual_deg, lower=True)
     return float(-np.log(np.diag(root)).sum() - 0.5 * white @ white)

@@ -32,7 +32,7 @@ PLACE_SIGMAS = 4.0
 BORESIGHT_PRIOR_DEG = 30.0
 MAD_TO_SIGMA = 1.4826
 ROUNDS = 12
-STANDS_DEG = 1e-4
+CONVERGED_DEG = 1e-4
 TRACED_SIGMA_DEG = 0.01
 """Systematic error of the traced skyline: a bright sky shifts it by a tenth of a pixel, which averaging over points
 does not reduce.
@@ -72,7 +72,7 @@ def fit_boresight(
     _require_skyline(frames)
     search_deg = min(max(4.0 * heading_sigma_deg, 40.0), 180.0)
     shift_deg, tilt_deg, roll_deg = align_coarsely(Points(frames), profile, start, search_deg)
-    frames = _where_the_dem_knows(frames, profile, start, shift_deg)
+    frames = _inside_dem(frames, profile, start, shift_deg)
     points = Points(frames)
     stops = max(frame.stop for frame in frames) + 1
     boresight = np.array([start.azimuth_deg, start.tilt_deg, start.roll_deg])
@@ -97,7 +97,7 @@ def fit_boresight(
     )
     priors_at = np.concatenate([boresight, np.zeros(4), own])
 
-    def left(unknowns: Vector) -> _Left:
+    def residuals(unknowns: Vector) -> _Residuals:
         turns_deg = unknowns[3] + unknowns[7 : 7 + stops][points.stop]
         azimuth, elevation = points.seen(Attitude(*unknowns[:3].tolist()), turns_deg)
         elevation = elevation + unknowns[7 + stops :][points.frame]
@@ -105,23 +105,23 @@ def fit_boresight(
         # Measured across the skyline: on a steep flank a small rotation makes a large difference in
         # elevation.
         across = np.sqrt(1.0 + (slope / np.cos(np.radians(elevation))) ** 2)
-        return _Left(azimuth, elevation, (elevation - horizon) / across, sigma / across)
+        return _Residuals(azimuth, elevation, (elevation - horizon) / across, sigma / across)
 
     def known(unknowns: Vector) -> Vector:
         return np.asarray((unknowns - priors_at) / prior_sigmas)
 
-    def one_by_one(unknowns: Vector) -> Vector:
-        at = left(unknowns)
-        return np.concatenate([at.left_deg / np.hypot(points.sigma_deg, at.dem_deg), known(unknowns)])
+    def uncorrelated(unknowns: Vector) -> Vector:
+        at = residuals(unknowns)
+        return np.concatenate([at.residual_deg / np.hypot(points.sigma_deg, at.dem_deg), known(unknowns)])
 
-    solved = solve(one_by_one, first, loss="soft_l1")
-    at = left(solved.unknowns)
+    solved = solve(uncorrelated, first, loss="soft_l1")
+    at = residuals(solved.unknowns)
     misfit_sigmas = MAD_TO_SIGMA * float(
-        np.median(np.abs(at.left_deg / np.hypot(points.sigma_deg, at.dem_deg)))
+        np.median(np.abs(at.residual_deg / np.hypot(points.sigma_deg, at.dem_deg)))
     )
-    solved, dem_factor = _together(left, known, points.sigma_deg, profile, solved.unknowns)
-    at = left(solved.unknowns)
-    misfit_deg = MAD_TO_SIGMA * float(np.median(np.abs(at.left_deg)))
+    solved, dem_factor = _fit_with_correlations(residuals, known, points.sigma_deg, profile, solved.unknowns)
+    at = residuals(solved.unknowns)
+    misfit_deg = MAD_TO_SIGMA * float(np.median(np.abs(at.residual_deg)))
     together = np.zeros((3, len(first)))
     together[[0, 1, 2], [0, 1, 2]] = 1.0
     together[0, 3] = 1.0
@@ -139,24 +139,24 @@ def fit_boresight(
         points.frame,
         at.azimuth_deg,
         at.elevation_deg,
-        at.left_deg,
+        at.residual_deg,
     )
     _require_place(fit, place)
     return fit
 
 
 @dataclass(frozen=True)
-class _Left:
+class _Residuals:
     """Per point: observed azimuth and elevation, residual across the skyline, and the DEM's sigma there, degrees."""
 
     azimuth_deg: Vector
     elevation_deg: Vector
-    left_deg: Vector
+    residual_deg: Vector
     dem_deg: Vector
 
 
-def _together(
-    left: Callable[[Vector], _Left],
+def _fit_with_correlations(
+    residuals: Callable[[Vector], _Residuals],
     known: Callable[[Vector], Vector],
     image_deg: Vector,
     profile: HorizonProfile,
@@ -165,24 +165,24 @@ def _together(
     """The fit with correlated weights for points of the same ridge, and the DEM's error factor, from a close start."""
     unknowns = start
     for _ in range(ROUNDS):
-        at = left(unknowns)
+        at = residuals(unknowns)
         alike = covariance_deg2(at.dem_deg, at.azimuth_deg, profile.distance(at.azimuth_deg))
-        errors = fit_dem_error_model(at.left_deg, image_deg, at.dem_deg, alike)
+        errors = fit_dem_error_model(at.residual_deg, image_deg, at.dem_deg, alike)
         whiten = errors.whiten
 
         def misfit(unknowns: Vector, whiten: Vector = whiten) -> Vector:
-            return np.concatenate([whiten @ left(unknowns).left_deg, known(unknowns)])
+            return np.concatenate([whiten @ residuals(unknowns).residual_deg, known(unknowns)])
 
         solved = solve(misfit, unknowns)
         moved = np.abs(solved.unknowns - unknowns)[:4]
         unknowns = solved.unknowns
-        if moved.max() < STANDS_DEG:
+        if moved.max() < CONVERGED_DEG:
             break
-    white = errors.whiten @ left(unknowns).left_deg
+    white = errors.whiten @ residuals(unknowns).residual_deg
     return Solved(unknowns, solved.covariance * max(1.0, float(np.mean(white**2)))), errors.dem_factor
 
 
-def _where_the_dem_knows(
+def _inside_dem(
     frames: Sequence[SkylineFrame], profile: HorizonProfile, start: Attitude, shift_deg: float
 ) -> list[SkylineFrame]:
     """The frames without points where the skyline lies at the DEM's edge. ``CalibrationError`` if too little is left."""
@@ -193,10 +193,10 @@ def _where_the_dem_knows(
         share = frame.share * float(known.mean()) if len(known) else 0.0
         kept.append(replace(frame, rays=frame.rays[known], sigma_deg=frame.sigma_deg[known], share=share))
     clear = sum(frame.share >= MIN_SHARE for frame in frames)
-    left = sum(frame.share >= MIN_SHARE for frame in kept)
-    if left < MIN_FRAMES:
+    usable = sum(frame.share >= MIN_SHARE for frame in kept)
+    if usable < MIN_FRAMES:
         raise CalibrationError(
-            f"boresight: in {clear - left} of the {clear} frames that show a skyline it is where the DEM ends; take a larger"
+            f"boresight: in {clear - usable} of the {clear} frames that show a skyline it is where the DEM ends; take a larger"
         )
     return kept
 

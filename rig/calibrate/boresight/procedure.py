@@ -23,9 +23,9 @@ from rig.devices.connect import connect
 
 Vector = NDArray[np.float64]
 
-HOLDS_SIGMAS = 3.0
+ACCEPTED_SIGMAS = 3.0
 CHECK_DIRECTIONS = 8
-HARMLESS_DEG = (0.15, 0.03, 0.08)
+NEGLIGIBLE_DEG = (0.15, 0.03, 0.08)
 """Differences below these (azimuth, tilt, roll) are accepted even if they are significant."""
 
 
@@ -140,7 +140,9 @@ def offsets(config: RigConfig, fit: BoresightFit, heading_sigma_deg: float) -> l
         zip(("azimuth", "tilt", "roll"), off_deg, trusted_deg, strict=True)
     ):
         sigma_deg = float(np.hypot(np.sqrt(fit.covariance_deg2[i, i]), trusted))
-        found.append(Offset(name, off, sigma_deg, abs(off) <= max(HOLDS_SIGMAS * sigma_deg, HARMLESS_DEG[i])))
+        found.append(
+            Offset(name, off, sigma_deg, abs(off) <= max(ACCEPTED_SIGMAS * sigma_deg, NEGLIGIBLE_DEG[i]))
+        )
     return found
 
 

@@ -27,8 +27,8 @@ IMAGE_SIGMA_DEG = 0.05
 FROM_EDGE_M = 1000.0
 ENCLOSED = 0.9  # share of the skyline: beyond the DEM's edge higher ridges may be hidden
 FAR_M = 1000.0
-APART_M = 300.0
-GOOD_DEG = (0.05, 0.02)  # sigmas of azimuth and tilt of a good site
+SPACING_M = 300.0
+GOOD_SIGMAS_DEG = (0.05, 0.02)  # sigmas of azimuth and tilt of a good site
 GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 
 
@@ -65,7 +65,7 @@ def best_sites(
             f"no place within {within_m / 1000.0:g} km has ground that a vehicle can stand on and a skyline inside the DEM; "
             "look further with --within, or take a larger DEM"
         )
-    return _apart(sorted(sites, key=_badness), count)
+    return _apart(sorted(sites, key=_rank), count)
 
 
 def expected_sigmas_deg(
@@ -133,15 +133,17 @@ def _enclosed_share(dem: Dem, row: float, col: float, distance_m: Vector) -> flo
     return float(np.mean(inside & np.isfinite(distance_m)))
 
 
-def _badness(site: Site) -> float:
-    return float(np.hypot(site.azimuth_sigma_deg / GOOD_DEG[0], site.tilt_sigma_deg / GOOD_DEG[1]))
+def _rank(site: Site) -> float:
+    return float(
+        np.hypot(site.azimuth_sigma_deg / GOOD_SIGMAS_DEG[0], site.tilt_sigma_deg / GOOD_SIGMAS_DEG[1])
+    )
 
 
 def _apart(sites: Sequence[Site], count: int) -> list[Site]:
     """The first sites of the list that are not near a better one."""
     chosen: list[Site] = []
     for site in sites:
-        if len(chosen) < count and all(_apart_m(site, other) >= APART_M for other in chosen):
+        if len(chosen) < count and all(_apart_m(site, other) >= SPACING_M for other in chosen):
             chosen.append(site)
     return chosen
 

@@ -95,20 +95,20 @@ class _Solved:
 
 def _calibrate(views: Sequence[TargetView], size_px: tuple[int, int], fixed_k3: bool) -> _Solved:
     flags = cv2.CALIB_FIX_K3 if fixed_k3 else 0
-    boards = [view.target_mm.astype(np.float32) for view in views]
+    all_corners_mm = [view.target_mm.astype(np.float32) for view in views]
     images = [view.image_px.astype(np.float32) for view in views]
     guess, none = np.eye(3), np.zeros(5)
     try:
         rms, matrix, distortion, turns, shifts, sigmas, _, per_view = cv2.calibrateCameraExtended(
-            boards, images, size_px, guess, none, flags=flags
+            all_corners_mm, images, size_px, guess, none, flags=flags
         )
     except cv2.error as error:
         raise CalibrationError(
             "camera: OpenCV finds no lens that gives these views; show the board whole, flat and tilted in all directions"
         ) from error
     residuals = []
-    for board, image, turn, shift in zip(boards, images, turns, shifts, strict=True):
-        projected, _ = cv2.projectPoints(board, turn, shift, matrix, distortion)
+    for corners_mm, image, turn, shift in zip(all_corners_mm, images, turns, shifts, strict=True):
+        projected, _ = cv2.projectPoints(corners_mm, turn, shift, matrix, distortion)
         residuals.append(np.asarray(image, float) - np.asarray(projected, float).reshape(-1, 2))
     k = np.asarray(distortion, float).ravel()[:5]
     parameters = np.array([matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], *k])
@@ -161,7 +161,7 @@ def _require_plausible(fit: CameraFit, size_px: tuple[int, int]) -> None:
                 f"camera: {key} {value[key]:.0f} lies far from the middle of {size} px; tilt the board more, or is the "
                 "picture cropped?"
             )
-    if _folds(fit.values, size_px):
+    if _is_non_monotonic(fit.values, size_px):
         raise CalibrationError(
             "camera: its distortion folds the picture over before the corners; show the board in the corners too"
         )
@@ -172,7 +172,7 @@ def _require_plausible(fit: CameraFit, size_px: tuple[int, int]) -> None:
         )
 
 
-def _folds(values: dict[str, float], size_px: tuple[int, int]) -> bool:
+def _is_non_monotonic(values: dict[str, float], size_px: tuple[int, int]) -> bool:
     """Whether the distortion model is non-monotonic within the picture."""
     width, height = size_px
     corners_px = [(0.0, 0.0), (width - 1.0, 0.0), (0.0, height - 1.0), (width - 1.0, height - 1.0)]

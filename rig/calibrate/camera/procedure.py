@@ -22,26 +22,26 @@ from rig.devices.camera.driver import Camera
 
 STILL_PX = 0.5
 NEW_SHARE = 0.05  # of the width: least movement of the corners from any other view
-PATIENCE_S = 60.0
+IDLE_TIMEOUT_S = 60.0
 
 
 def calibrate_camera(
-    run: CalibrationRun, board: CalibrationTarget, images: str | None, views_wanted: int
+    run: CalibrationRun, target: CalibrationTarget, images: str | None, views_wanted: int
 ) -> None:
     """Guide the operator, collect views, fit and write. ``CalibrationError`` says why a result is rejected."""
     section = run.config.camera
     size_px = (section.width_px, section.height_px)
     if images is not None:
-        views, device = views_from_files(board, images, size_px), images
+        views, device = views_from_files(target, images, size_px), images
     else:
         run.guide.ready(
-            f"Hold the board {board.text} before the camera, then move it: near and far, to all edges and corners, tilted by "
+            f"Hold the board {target.text} before the camera, then move it: near and far, to all edges and corners, tilted by "
             "30 deg and more to all sides, and keep it still for a moment each time."
         )
         with Camera(section) as camera:
             camera.wait_open()
             device = camera.identify()
-            views = views_from_camera(camera, board, size_px, views_wanted, run.guide)
+            views = views_from_camera(camera, target, size_px, views_wanted, run.guide)
     fit = fit_camera(views, size_px)
     value = fit.values
     document = CameraCalibration(
@@ -59,7 +59,7 @@ def calibrate_camera(
             "corners": len(fit.corners_px),
             "rms_px": fit.rms_px,
             "coverage": fit.coverage,
-            "board": board.text,
+            "board": target.text,
             "dropped": ", ".join(fit.dropped),
         },
     )
@@ -71,7 +71,7 @@ def calibrate_camera(
     run.finish(document, rows, draw(fit, size_px))
 
 
-def views_from_files(board: CalibrationTarget, pattern: str, size_px: tuple[int, int]) -> list[TargetView]:
+def views_from_files(target: CalibrationTarget, pattern: str, size_px: tuple[int, int]) -> list[TargetView]:
     """The views in the pictures of a glob pattern. ``CalibrationError`` if there are none, or of another size."""
     paths = sorted(glob.glob(pattern, recursive=True))  # noqa: PTH207 - a pattern may be absolute
     if not paths:
@@ -89,7 +89,7 @@ def views_from_files(board: CalibrationTarget, pattern: str, size_px: tuple[int,
             image = None
         if image is None:
             raise CalibrationError(f"{path}: is no picture that can be read; leave it out of --images")
-        view = board.find(path, np.asarray(image, np.uint8))
+        view = target.find(path, np.asarray(image, np.uint8))
         views += [view] if view else []
     return views
 
@@ -108,7 +108,7 @@ def _size_px(path: str) -> tuple[int, int]:
 
 
 def views_from_camera(
-    camera: Camera, board: CalibrationTarget, size_px: tuple[int, int], wanted: int, guide: Guide
+    camera: Camera, target: CalibrationTarget, size_px: tuple[int, int], wanted: int, guide: Guide
 ) -> list[TargetView]:
     """Take a view whenever the target is held still in a new position, until the views are enough and cover the
     picture.
@@ -118,9 +118,9 @@ def views_from_camera(
     views: list[TargetView] = []
     before: TargetView | None = None
     newest_s = time.monotonic()
-    while time.monotonic() - newest_s < PATIENCE_S:
+    while time.monotonic() - newest_s < IDLE_TIMEOUT_S:
         frame = camera.frame_after(time.monotonic())
-        view = board.find(f"view {len(views) + 1}", frame.image_bgr)
+        view = target.find(f"view {len(views) + 1}", frame.image_bgr)
         if view and before and is_still(view, before) and is_new(view, views, size_px[0]):
             views.append(view)
             newest_s = time.monotonic()

@@ -19,7 +19,7 @@ STRENGTH_TOLERANCE = 0.1
 """Allowed deviation of the horizontal strength: three times the effect of a typical rig's iron."""
 DIP_TOLERANCE_DEG = 4.0
 SIGMAS = 3.0
-DIP_TELLS_DEG = 3.0
+MAX_DIP_SIGMA_DEG = 3.0
 """A dip with a larger sigma than this does not count as measured."""
 WARNING_SHARE = 0.5
 
@@ -43,9 +43,9 @@ class MeasuredField:
     vertical_iron_ut: float
 
     @property
-    def tells_dip(self) -> bool:
+    def dip_is_measured(self) -> bool:
         """Whether the dip was measured: the vehicle's slope differed between headings."""
-        return self.dip_sigma_deg <= DIP_TELLS_DEG
+        return self.dip_sigma_deg <= MAX_DIP_SIGMA_DEG
 
 
 def dip_deg(earth: EarthField) -> float:
@@ -81,7 +81,7 @@ def _differences(measured: MeasuredField, earth: EarthField) -> list[tuple[str, 
         f"horizontal field is {measured.horizontal_ut:.1f} uT, {abs(share):.0%} {_more_or_less(share)} than the World Magnetic "
         f"Model's {earth.horizontal_ut:.1f} uT here ({share_allowed:.0%} is allowed)"
     )
-    if not measured.tells_dip:
+    if not measured.dip_is_measured:
         return [(strength, share, share_allowed)]
     off_deg = measured.dip_deg - dip_deg(earth)
     allowed_deg = max(DIP_TOLERANCE_DEG, SIGMAS * measured.dip_sigma_deg)

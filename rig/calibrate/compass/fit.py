@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.attitude.kinematics import Attitude, body_rotation
-from rig.calibrate.compass.earth_field import DIP_TELLS_DEG, MeasuredField, check_field
+from rig.calibrate.compass.earth_field import MAX_DIP_SIGMA_DEG, MeasuredField, check_field
 from rig.calibrate.compass.model import (
     EARTH,
     IRON_UNKNOWNS,
@@ -114,7 +114,7 @@ def _fit(
     )
     n = len(prior_sigmas)
 
-    def left(unknowns: Vector) -> list[Vector]:
+    def residuals_at(unknowns: Vector) -> list[Vector]:
         model = CompassModel(unknowns[:n], earth)
         return [
             stop.field_ut - model.measured(heading, stop)
@@ -122,11 +122,11 @@ def _fit(
         ]
 
     def weighted(unknowns: Vector) -> Vector:
-        residuals = [r.ravel() / READING_SIGMA_UT for r in left(unknowns)]
+        residuals = [r.ravel() / READING_SIGMA_UT for r in residuals_at(unknowns)]
         return np.concatenate([*residuals, unknowns[:n] / prior_sigmas])
 
-    solved = solve(weighted, np.concatenate([np.zeros(n), _first_headings(stops)]))
-    residuals = left(solved.unknowns)
+    solved = solve(weighted, np.concatenate([np.zeros(n), _initial_headings(stops)]))
+    residuals = residuals_at(solved.unknowns)
     count = sum(r.size for r in residuals)
     total = sum(float((r**2).sum()) for r in residuals)
     worse = max(1.0, total / READING_SIGMA_UT**2 / max(count - IRON_UNKNOWNS - len(stops), 1))
@@ -154,7 +154,7 @@ def _measured_field(fitted: _Fitted, earth: EarthField, vertical_iron_ut: float)
     )
     dip_sigma_deg = float(np.degrees(np.sqrt(dip_variance) / strength_2))
     dip_deg = float(np.degrees(np.arctan2(down_ut, horizontal_ut)))
-    if dip_sigma_deg > DIP_TELLS_DEG:
+    if dip_sigma_deg > MAX_DIP_SIGMA_DEG:
         horizontal_ut -= both / down_2 * (down_ut - earth.down_ut)
         horizontal_2 -= both**2 / down_2
     return MeasuredField(
@@ -162,7 +162,7 @@ def _measured_field(fitted: _Fitted, earth: EarthField, vertical_iron_ut: float)
     )
 
 
-def _first_headings(stops: Sequence[VehicleStop]) -> Vector:
+def _initial_headings(stops: Sequence[VehicleStop]) -> Vector:
     """Approximate headings, radians: what rotates with the pan is taken for the Earth's field."""
     found = []
     for stop in stops:

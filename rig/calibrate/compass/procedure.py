@@ -91,7 +91,7 @@ def calibrate_compass(run: CalibrationRun, headings: int, angles: int) -> None:
     )
     dip = (
         f"{field.dip_deg:.1f} +- {field.dip_sigma_deg:.1f}"
-        if field.tells_dip
+        if field.dip_is_measured
         else "even ground does not tell it"
     )
     rows = [

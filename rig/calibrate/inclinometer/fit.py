@@ -30,7 +30,7 @@ SIGMA_LIMIT_DEG = 0.1
 READING_SIGMA_G = 5e-5  # 0.003 deg: noise that averaging does not remove
 SCALE_PRIOR = 0.03  # the data sheets' tolerance
 ZERO_PRIOR_G = 0.1
-USE_TILTS_DEG = (-10.0, 0.0, 10.0, 20.0)  # at which the sigma is to hold
+EVALUATION_TILTS_DEG = (-10.0, 0.0, 10.0, 20.0)  # at which the sigma is to hold
 STEP = 1e-6
 USUAL_TEMPERATURE_C = 20.0
 
@@ -129,7 +129,7 @@ def _up_in_head(pitch: float, roll: float, pan: Vector, tilt: Vector) -> Vector:
 
 def _sigmas_deg(nine: Vector, covariance: Vector, three_axes: bool) -> tuple[float, float]:
     """Sigmas of corrected tilt and roll at the tilts of use: the covariance propagated."""
-    tilts = np.radians(USE_TILTS_DEG)
+    tilts = np.radians(EVALUATION_TILTS_DEG)
     up = np.column_stack([np.zeros_like(tilts), np.sin(tilts), np.cos(tilts)])
     measured = up @ Rotation.from_rotvec(nine[6:9]).as_matrix() * (1.0 + nine[3:6]) + nine[:3]
     if not three_axes:

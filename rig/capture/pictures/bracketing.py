@@ -14,9 +14,9 @@ from rig.fault_notes import note_fault
 Image = NDArray[np.uint8]
 
 STEPS_EV = (-1.0, -2.0, -3.0)
-BURNT_LEVEL = 250
+OVEREXPOSED_LEVEL = 250
 ABOVE_PX = (3, 8)  # rows above the skyline: clear of its edge, and near enough to show overexposure
-BURNT_LIMIT = 0.2  # of the columns
+OVEREXPOSED_LIMIT = 0.2  # of the columns
 
 
 @dataclass(frozen=True)
@@ -40,9 +40,9 @@ def pictures_of(frames: list[TimedFrame]) -> Pictures:
     return Pictures(frames, image, find_skyline(image))
 
 
-def burnt_share(image: Image, skyline: Skyline) -> float:
+def overexposed_share(image: Image, skyline: Skyline) -> float:
     """Share of columns whose sky is overexposed just above the skyline, or at the bottom of an all-sky column."""
-    burnt = image.min(axis=2) >= BURNT_LEVEL
+    burnt = image.min(axis=2) >= OVEREXPOSED_LEVEL
     height, width = burnt.shape
     all_sky = skyline.state == ColumnState.NO_TERRAIN
     row = np.where(np.isfinite(skyline.row_px) & ~all_sky, np.nan_to_num(skyline.row_px), height - 1)
@@ -56,7 +56,10 @@ def bracketed(camera: Camera, usual: Pictures) -> Pictures:
 
     A camera without settable exposure is left alone. A replacement of ``usual`` is noted.
     """
-    if burnt_share(usual.image_bgr, usual.skyline) <= BURNT_LIMIT or not camera.exposure_is_settable:
+    if (
+        overexposed_share(usual.image_bgr, usual.skyline) <= OVEREXPOSED_LIMIT
+        or not camera.exposure_is_settable
+    ):
         return usual
     tried = [(0.0, usual)]
     try:
@@ -64,7 +67,7 @@ def bracketed(camera: Camera, usual: Pictures) -> Pictures:
             camera.expose(ev)
             darker = pictures_of(camera.frames_after(camera.exposure_settled_at_s(), len(usual.frames)))
             tried.append((ev, darker))
-            if burnt_share(darker.image_bgr, darker.skyline) <= BURNT_LIMIT:
+            if overexposed_share(darker.image_bgr, darker.skyline) <= OVEREXPOSED_LIMIT:
                 break
     except DeviceError as error:
         note_fault(error.device, error.problem, "kept the picture with the burnt-out sky")

@@ -14,7 +14,7 @@ from rig.devices.camera.driver import Camera
 from rig.errors import TransientError
 
 TRIES = 6
-WITHIN_S = 8.0
+TIME_LIMIT_S = 8.0
 PAUSE_S = 0.1  # doubles each time, to cover a camera that lags by some seconds
 
 REMEDIES = {
@@ -48,7 +48,7 @@ def take_pictures(
             raise _bad(camera, problem)
         return pictures
 
-    return bracketed(camera, retry(take, tries=TRIES, within_s=WITHIN_S, pause_s=PAUSE_S))
+    return bracketed(camera, retry(take, tries=TRIES, within_s=TIME_LIMIT_S, pause_s=PAUSE_S))
 
 
 def seen_at(joints: JointAngles, image_bgr: NDArray[np.uint8]) -> Seen:

@@ -187,7 +187,7 @@ def _add_events(app: FastAPI, event_streams: EventStreams) -> None:
         yield ServerSentEvent(comment="skyfix", retry=3000)
         last_sent = -1
         number = re.fullmatch(r"[0-9]{1,18}", last_event_id or "")  # anything else is not an id of ours
-        for event in event_streams.before(int(number[0]) if number else None):
+        for event in event_streams.initial_events(int(number[0]) if number else None):
             last_sent = event.number
             yield ServerSentEvent(data=log_event(event), event=event.kind, id=str(event.number))
         while (event_or_end := await waiting.get()) is not None:

@@ -9,8 +9,8 @@ from contextlib import asynccontextmanager, contextmanager
 from rig.daemon.state import DaemonState, Event
 
 MAX_STREAMS = 16
-KEPT = 200
-WAITING = 256
+EVENTS_KEPT = 200
+QUEUE_LENGTH = 256
 POLL_S = 0.1
 
 Stream = asyncio.Queue[Event | None]
@@ -25,7 +25,7 @@ class EventStreams:
 
     def __init__(self, daemon_state: DaemonState) -> None:
         self._state = daemon_state
-        self._recent: deque[Event] = deque(maxlen=KEPT)
+        self._recent: deque[Event] = deque(maxlen=EVENTS_KEPT)
         self._streams: set[Stream] = set()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._ended = threading.Event()
@@ -50,7 +50,7 @@ class EventStreams:
         """The last events, oldest first."""
         return list(self._recent)
 
-    def before(self, last_number: int | None) -> list[Event]:
+    def initial_events(self, last_number: int | None) -> list[Event]:
         """The first events of a new stream: those since its client's last event, as far as they are kept.
 
         For a client without a last event, or with one of before a restart: the latest answer.
@@ -72,7 +72,7 @@ class EventStreams:
         """
         if len(self._streams) >= MAX_STREAMS:
             raise TooManyStreamsError
-        stream: Stream = asyncio.Queue(WAITING)
+        stream: Stream = asyncio.Queue(QUEUE_LENGTH)
         self._streams.add(stream)
         if self._ended.is_set():
             stream.put_nowait(None)
@@ -87,10 +87,10 @@ class EventStreams:
             while not self._ended.is_set():
                 event = subscription.get(POLL_S)
                 if event is not None:
-                    self._loop.call_soon_threadsafe(self._spread, event)
+                    self._loop.call_soon_threadsafe(self._distribute, event)
         self._loop.call_soon_threadsafe(self._end_streams)
 
-    def _spread(self, event: Event) -> None:
+    def _distribute(self, event: Event) -> None:
         self._recent.append(event)
         for stream in tuple(self._streams):
             if stream.full():

@@ -16,12 +16,12 @@ def add_health(app: FastAPI, daemon_state: DaemonState, heartbeats: Heartbeats |
 
     @app.get("/healthz", include_in_schema=False)
     async def healthz() -> JSONResponse:
-        stuck = [str(each) for each in heartbeats.stuck()] if heartbeats else []
+        stalled = [str(each) for each in heartbeats.stalled()] if heartbeats else []
         problem = why_not_ready(daemon_state)
         body = {
-            "alive": not stuck,
-            "ready": not stuck and problem is None,
+            "alive": not stalled,
+            "ready": not stalled and problem is None,
             "version": package_version(),
-            "problems": [*stuck, *([problem] if problem else [])],
+            "problems": [*stalled, *([problem] if problem else [])],
         }
-        return JSONResponse(body, 503 if stuck else 200)
+        return JSONResponse(body, 503 if stalled else 200)

@@ -66,16 +66,16 @@ class LatestAnswer(BundleAnswer):
     age_s: float
     """Since the capture."""
     current: bool
-    """A fix, not older than ``valid_s``, and the vehicle not seen to move since: only then it may still be there."""
+    """A fix not older than ``valid_s``, and no motion of the vehicle since: only then it may still be valid."""
     valid_s: float
     map_from_ground: tuple[tuple[float, float], tuple[float, float]] | None
     """From metres of the ground along the map's axes, as in ``covariance_m2``, to metres of easting and northing."""
     convergence_deg: float | None
     """Of the map's north from true north, clockwise."""
     before_start: bool
-    """Captured before the daemon began: nobody has watched the vehicle since, so it is not current."""
+    """Captured before the daemon started: motion since then is unknown, so it is not current."""
     moved_on: bool
-    """The vehicle has been seen to move since the capture. False proves nothing where nobody watches it."""
+    """The vehicle has moved since the capture. False proves nothing without motion detection."""
 
 
 class FixAnswer(LatestAnswer):

@@ -140,7 +140,7 @@ class Odometer:
             return Movement(step_m + np.array(self._odometry_state.legs_step_m), covariance_m2)
 
     def begin(self, at_s: float) -> Movement | None:
-        """Return ``movement`` and start anew at a capture; input continues meanwhile.
+        """Return ``movement`` and start a new leg at a capture; input continues meanwhile.
 
         ``keep`` or ``undo_capture`` must follow.
         """

@@ -106,10 +106,10 @@ class _Publisher:
             self._sent_up_to_s = fix.captured.monotonic_s
             self._owed = not session.autopilot_present
         elif fix is not None and self._owed and session.autopilot_present:
-            session.send_fix_late(fix, now)
+            session.send_current_fix(fix, now)
             self._owed = False
         elif fix is not None:
-            session.send_again(fix, now)
+            session.retransmit(fix, now)
         if self._heard and not session.autopilot_present:
             self._owed = True
         self._heard = session.autopilot_present
@@ -167,7 +167,7 @@ class _LinkSession:
         self._send(fix, now)
         self._state.count("mavlink fixes sent")
 
-    def send_fix_late(self, fix: PublishedFix, now: Instant) -> None:
+    def send_current_fix(self, fix: PublishedFix, now: Instant) -> None:
         """Send an earlier fix to an autopilot that has connected since; it is already counted."""
         self._send(fix, now)
 
@@ -178,7 +178,7 @@ class _LinkSession:
         if "GPS_INPUT" in self._section.messages:
             self._mav.send(gps_input(self._common, fix, now.utc))
 
-    def send_again(self, fix: PublishedFix, now: Instant) -> None:
+    def retransmit(self, fix: PublishedFix, now: Instant) -> None:
         """Send the command of the latest fix again if a present autopilot has not acknowledged it."""
         if self._awaited_s is None or now.monotonic_s < self._awaited_s or not self.autopilot_present:
             return

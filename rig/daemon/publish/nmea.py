@@ -11,7 +11,7 @@ from rig.clock import Instant
 from rig.clock import problem as clock_problem
 from rig.config.run import NmeaOutput
 from rig.daemon.heartbeat import Heartbeats
-from rig.daemon.publish.nmea_sentences import epoch, epoch_for_anybody
+from rig.daemon.publish.nmea_sentences import epoch, epoch_for_datagrams
 from rig.daemon.publish.published import current_fix, expiry_reason
 from rig.daemon.publish.tcp_broadcast import TcpBroadcast
 from rig.daemon.publish.udp_targets import UdpTarget
@@ -51,7 +51,9 @@ def publishing(
             stack.callback(target.close)
         names = [target for target in targets if not target.find(numeric=True)]
         if names:
-            threading.Thread(target=_look_up, args=(names, stop), name="nmea names", daemon=True).start()
+            threading.Thread(
+                target=_resolve_names, args=(names, stop), name="nmea names", daemon=True
+            ).start()
         publisher = _Publisher(section, daemon_state, server, targets)
         thread = threading.Thread(target=publisher.run, args=(stop, heartbeats), name=LOOP, daemon=True)
         thread.start()
@@ -60,7 +62,7 @@ def publishing(
         yield NmeaPublisher(None if server is None else server.address)
 
 
-def _look_up(targets: Sequence[UdpTarget], stop: threading.Event) -> None:
+def _resolve_names(targets: Sequence[UdpTarget], stop: threading.Event) -> None:
     """Resolve host names, in a separate thread: without a network that blocks, and a name may become resolvable hours
     later.
     """
@@ -122,7 +124,7 @@ class _Publisher:
             first = b"" if fix is None else epoch(None, *how, dated=dated)
             self._server.send(epoch(fix, *how, dated=dated), first=first)
         for target in self._targets:
-            target.send(epoch_for_anybody(fix, *how, dated=dated))
+            target.send(epoch_for_datagrams(fix, *how, dated=dated))
 
     def _log_expiry(self, answer: Answer, why: str | None) -> None:
         if answer.fix.status == "fix" and why is not None:

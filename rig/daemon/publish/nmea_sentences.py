@@ -41,7 +41,7 @@ def epoch(
     return _sentences(fix, utc, quality, [kind for kind in _FIELDS if kind in kinds], dated)
 
 
-def epoch_for_anybody(
+def epoch_for_datagrams(
     fix: PublishedFix | None,
     utc: datetime,
     quality: int,

@@ -231,17 +231,17 @@ class Camera:
 
         Driver settings are restored in every case.
         """
-        with ExitStack() as told:
+        with ExitStack() as restores:
             exposure: LocalExposure | None = None
             if self._is_local:  # before opening, so that no picture has another program's zoom
-                told.callback(V4l2Settings(self._section.source, self.name).restore)
+                restores.callback(V4l2Settings(self._section.source, self.name).restore)
             capture = self._open()
-            told.callback(capture.release)
+            restores.callback(capture.release)
             if self._is_local and not isinstance(capture, Snapshots):
                 exposure = LocalExposure(capture, self._section.exposure, self.name)
-                told.callback(exposure.restore)
+                restores.callback(exposure.restore)
                 exposure.begin()
-                told.callback(FixedControls(capture, self._fixed_controls(), self.name).restore)
+                restores.callback(FixedControls(capture, self._fixed_controls(), self.name).restore)
             if self._wanted_ev == 0.0:  # a killed program may have left it dark
                 self._restore_auto_exposure()
             not_before_s = -math.inf

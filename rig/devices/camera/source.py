@@ -21,7 +21,7 @@ MIN_BETWEEN_S = 0.05
 """Pause between requested pictures: a fast camera must have time for other clients."""
 MAX_PICTURE_BYTES = 50_000_000
 
-Words = tuple[str, str]
+ProblemAndRemedy = tuple[str, str]
 
 
 class Snapshots:
@@ -77,7 +77,7 @@ def gives_snapshots(url: str) -> bool:
         return False
 
 
-def why_not_opened(source: int | str) -> Words:
+def why_not_opened(source: int | str) -> ProblemAndRemedy:
     """Problem and remedy of a source that OpenCV cannot open, found by other means."""
     if isinstance(source, int) or source.startswith("/dev/"):
         return _of_a_device(f"/dev/video{source}" if isinstance(source, int) else source)
@@ -97,7 +97,7 @@ def _content_type(answer: Any) -> str:
     return str(answer.headers.get_content_type()).lower() if answer.headers.get("Content-Type") else ""
 
 
-def _of_http(url: str) -> Words:
+def _of_http(url: str) -> ProblemAndRemedy:
     try:
         with get(url, ASK_TIMEOUT_S, KEY) as answer:
             kind = _content_type(answer)
@@ -121,7 +121,7 @@ def _of_http(url: str) -> Words:
     )
 
 
-def _of_rtsp(url: str) -> Words:
+def _of_rtsp(url: str) -> ProblemAndRemedy:
     try:
         plain, user, _ = credentials(url)
         parts = urllib.parse.urlsplit(plain)
@@ -157,7 +157,7 @@ def _of_rtsp(url: str) -> Words:
     return _UNKNOWN
 
 
-def _of_a_device(path: str) -> Words:
+def _of_a_device(path: str) -> ProblemAndRemedy:
     try:
         is_device = stat.S_ISCHR(os.stat(path).st_mode)  # noqa: PTH116 - its errno is wanted
         if not is_device:
@@ -191,7 +191,7 @@ def _devices_there() -> str:
     return f"there is {', '.join(there[:6])}" if there else "there is no /dev/video*"
 
 
-def _of_a_file(source: str) -> Words:
+def _of_a_file(source: str) -> ProblemAndRemedy:
     path = Path(source)
     if path.is_dir():
         return "cannot be opened: it is a folder", f"name a device, a URL or a video file in {KEY}"

@@ -70,7 +70,8 @@ def evaluate_photos(
 ) -> PhotoEvaluation:
     """Run the evaluation on a data folder, which is only read.
 
-    `out_dir`: where photos.md, photos_skylines.csv and photos_places.csv go, if anywhere. `progress` is told each step.
+    `out_dir`: folder for photos.md, photos_skylines.csv and photos_places.csv, if any. `progress` is called for each
+    step.
 
     Raises SimulationError for data that are missing or broken, and if `out_dir` cannot be written.
     """

@@ -96,7 +96,7 @@ def score_skyline(found: Skyline, true_row_px: Floats, height_px: int) -> Pictur
     )
 
 
-def together(scores: Sequence[PictureScore]) -> PictureScore:
+def combined_score(scores: Sequence[PictureScore]) -> PictureScore:
     """The score of all columns of several pictures."""
     return PictureScore(
         error_px=np.concatenate([s.error_px for s in scores]),

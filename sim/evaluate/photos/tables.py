@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from sim.evaluate.photos.position_search import Trial
-from sim.evaluate.photos.skyline_score import FAR_OFF_PX, PictureScore, together
+from sim.evaluate.photos.skyline_score import FAR_OFF_PX, PictureScore, combined_score
 from sim.evaluate.photos.traced_pictures import HELD_OUT, TUNED_ON
 
 Scored = tuple[str, str, str, PictureScore]
@@ -38,7 +38,7 @@ def skyline_summary(pictures: Sequence[Scored]) -> str:
         for half in (TUNED_ON, HELD_OUT, ""):
             scores = groups.get((dataset, half))
             if scores:
-                total = together(scores)
+                total = combined_score(scores)
                 head = [dataset, half or "both", str(len(scores))]
                 rows.append([*head, *_errors(total.size_px(confident_only=False)), *_figures(total)])
     every = [f"all columns: {figure}" for figure in _SKYLINE_FIGURES[:3]]
@@ -60,7 +60,7 @@ def degraded_table(degraded: Sequence[tuple[str, PictureScore]]) -> str:
     groups: dict[str, list[PictureScore]] = {}
     for name, score in degraded:
         groups.setdefault(name, []).append(score)
-    rows = [[name, str(len(scores)), *_figures(together(scores))] for name, scores in groups.items()]
+    rows = [[name, str(len(scores)), *_figures(combined_score(scores))] for name, scores in groups.items()]
     return markdown(["change", "number", *_SKYLINE_FIGURES], rows)
 
 

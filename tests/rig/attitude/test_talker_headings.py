@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from rig.attitude.declination import declination
-from rig.attitude.talker_headings import TrueHeadings, heading_doubts, true_headings
+from rig.attitude.talker_headings import TrueHeadings, heading_notes, true_headings
 from rig.clock import Instant
 from rig.config.sections import NmeaCompassSection, Place
 from rig.devices.readings import HeadingReading
@@ -118,13 +118,11 @@ class TestVariation:
         headings = tuple(
             found for line in lines if (found := parse_heading(parse_sentence(line), Instant(0.0, NOON)))
         )
-        (doubt,) = heading_doubts(headings[:1], SECTION, SANTA_CRUZ)
+        (doubt,) = heading_notes(headings[:1], SECTION, SANTA_CRUZ)
         assert doubt == (
             "sends the variation 0.0 deg, and the World Magnetic Model has 12.7 deg at [place]: the model's is used"
         )
-        assert heading_doubts(headings[:1], SECTION, Place(lat_deg=27.7, lon_deg=85.3)) == [], (
-            "nearly 0 there"
-        )
+        assert heading_notes(headings[:1], SECTION, Place(lat_deg=27.7, lon_deg=85.3)) == [], "nearly 0 there"
 
     def test_a_zero_that_nothing_confirms_is_no_variation(self) -> None:
         with pytest.raises(

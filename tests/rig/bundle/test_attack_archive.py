@@ -36,7 +36,7 @@ def written(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def home(tmp_path: Path) -> Path:
-    """Where archives are imported to, with a secret beside it."""
+    """A folder for imports, with a secret file next to it."""
     (tmp_path / "field").mkdir()
     (tmp_path / "field" / "secret").write_text("untouched")
     return tmp_path / "field" / "home"

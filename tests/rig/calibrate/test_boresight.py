@@ -1,4 +1,4 @@
-"""The DEM's skyline says how the camera sits, and refuses a wrong place and a hidden ridge."""
+"""The boresight from the DEM's skyline; a wrong place and a hidden ridge are rejected."""
 
 from dataclasses import replace
 from typing import Any

@@ -1,4 +1,4 @@
-"""Views of a board give the lens; too few, one-sided or blurred ones are refused with the reason."""
+"""Intrinsics from views of a calibration target; too few, one-sided or blurred ones are rejected with the reason."""
 
 import cv2
 import numpy as np

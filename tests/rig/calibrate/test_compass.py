@@ -98,7 +98,7 @@ def test_iron_that_does_not_stay_in_its_place_is_refused() -> None:
 @pytest.mark.parametrize("seed", range(4))
 def test_the_fields_strength_and_dip_are_measured(seed: int) -> None:
     field = fit_compass(Bent(seed).stops(8, uneven_deg=6.0), EARTH).field
-    assert field.tells_dip
+    assert field.dip_is_measured
     assert abs(field.horizontal_ut - EARTH.horizontal_ut) < 3.0 * field.horizontal_sigma_ut < 4.0
     assert abs(field.dip_deg - np.degrees(np.arctan2(42.0, 23.5))) < 3.0 * field.dip_sigma_deg < 9.0
 
@@ -106,7 +106,7 @@ def test_the_fields_strength_and_dip_are_measured(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(4))
 def test_even_ground_tells_the_strength_and_not_the_dip(seed: int) -> None:
     field = fit_compass(Bent(seed).stops(8), EARTH).field
-    assert not field.tells_dip
+    assert not field.dip_is_measured
     assert abs(field.horizontal_ut - EARTH.horizontal_ut) < 3.0 * field.horizontal_sigma_ut < 2.3
 
 

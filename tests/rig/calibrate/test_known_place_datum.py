@@ -1,4 +1,4 @@
-"""A calibration at a known place needs a DEM whose places and heights are those of the place told."""
+"""A calibration at a known place needs a DEM with known horizontal and vertical datum."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Where the skyline is far a boresight is worth more, and ``rig calibrate sites`` says where that is."""
+"""A far skyline determines the boresight better, and ``rig calibrate sites`` finds such places."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from pyproj import CRS
 from localizer.dem.lattice import dem_from_array
 from rig.calibrate.boresight.dem_error_model import covariance_deg2, fit_dem_error_model
 from rig.calibrate.boresight.known_place import KnownPlace, PlaceSigmas
-from rig.calibrate.boresight.sites import APART_M, AZIMUTHS_DEG, _apart_m, best_sites, expected_sigmas_deg
+from rig.calibrate.boresight.sites import AZIMUTHS_DEG, SPACING_M, _apart_m, best_sites, expected_sigmas_deg
 from rig.config.calibration_files import CalibrationError
 
 Vector = NDArray[np.float64]
@@ -50,12 +50,12 @@ def test_the_error_of_the_dem_is_found_from_what_is_left() -> None:
     told = np.degrees(1.5 / distance)
     alike = covariance_deg2(told, azimuth, distance)
     image = np.full(len(azimuth), 0.03)
-    left = 3.0 * np.linalg.cholesky(alike) @ rng.normal(size=len(azimuth)) + image * rng.normal(
+    residuals = 3.0 * np.linalg.cholesky(alike) @ rng.normal(size=len(azimuth)) + image * rng.normal(
         size=len(azimuth)
     )
-    found = fit_dem_error_model(left, image, told, alike)
+    found = fit_dem_error_model(residuals, image, told, alike)
     assert 2.0 < found.dem_factor < 4.5
-    assert np.std(found.whiten @ left) == pytest.approx(1.0, abs=0.25)
+    assert np.std(found.whiten @ residuals) == pytest.approx(1.0, abs=0.25)
 
 
 def basin(rim_m: float) -> KnownPlace:
@@ -76,7 +76,7 @@ def test_sites_are_inside_apart_and_best_first() -> None:
     near = basin(100.0)
     sites = best_sites(near, 1500.0, 2.0, SIGMAS, 3)
     assert len(sites) == 3
-    assert all(_apart_m(a, b) >= APART_M for i, a in enumerate(sites) for b in sites[:i])
+    assert all(_apart_m(a, b) >= SPACING_M for i, a in enumerate(sites) for b in sites[:i])
     assert sites[0].tilt_sigma_deg < 0.05
     assert all(site.far_share > 0.3 for site in sites)
 

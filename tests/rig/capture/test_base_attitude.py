@@ -1,4 +1,4 @@
-"""How the vehicle stands, from what was read at the stops and at the pictures."""
+"""Base attitude from the readings at the stops and at the pictures."""
 
 import math
 from collections.abc import Sequence

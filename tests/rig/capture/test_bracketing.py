@@ -1,4 +1,4 @@
-"""A sky that takes the ridge with it is photographed darker, where the camera lets itself be told."""
+"""Exposure bracketing of an overexposed sky, if the exposure is settable."""
 
 import math
 from collections.abc import Iterator
@@ -9,7 +9,13 @@ import numpy as np
 import pytest
 
 from localizer.skyline.find import find_skyline
-from rig.capture.pictures.bracketing import BURNT_LIMIT, Pictures, bracketed, burnt_share, pictures_of
+from rig.capture.pictures.bracketing import (
+    OVEREXPOSED_LIMIT,
+    Pictures,
+    bracketed,
+    overexposed_share,
+    pictures_of,
+)
 from rig.clock import Instant
 from rig.config.sections import CameraSection
 from rig.devices.camera.driver import V4L2_AUTOMATIC, V4L2_MANUAL, Camera, LocalExposure
@@ -33,7 +39,7 @@ def view(light: float) -> np.ndarray[Any, np.dtype[np.uint8]]:
 
 
 class Told:
-    """A camera whose pictures have twice the light, and less as it is told."""
+    """An overexposed camera (twice the light) with a settable exposure."""
 
     name = "camera"
     exposure_is_settable = True
@@ -63,8 +69,8 @@ def ridge_row(pictures: Pictures) -> float:
 
 
 def test_only_a_burnt_out_sky_counts() -> None:
-    assert burnt_share(view(2.0), find_skyline(view(2.0))) > 0.9
-    assert burnt_share(view(0.9), find_skyline(view(0.9))) < BURNT_LIMIT
+    assert overexposed_share(view(2.0), find_skyline(view(2.0))) > 0.9
+    assert overexposed_share(view(0.9), find_skyline(view(0.9))) < OVEREXPOSED_LIMIT
 
 
 def test_the_ridge_comes_back_in_a_darker_picture() -> None:

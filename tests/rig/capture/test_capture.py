@@ -1,4 +1,4 @@
-"""A capture from beginning to end on a fake rig: what the bundle says, and what is left when something fails."""
+"""A whole capture on a fake rig: content of the bundle, and what is left after failures."""
 
 import json
 import math
@@ -24,7 +24,7 @@ NOWHERE = Attitude(0.0, 0.0, 0.0)
 
 
 class Said:
-    """What the operator was told."""
+    """The messages to the operator."""
 
     def __init__(self) -> None:
         self.lines: list[str] = []
@@ -219,7 +219,7 @@ def test_interrupted_while_measuring(running: RunningRig, tmp_path: Path) -> Non
 
 
 def test_the_camera_stalls(running: RunningRig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rig.capture.pictures.take.WITHIN_S", 1.5)
+    monkeypatch.setattr("rig.capture.pictures.take.TIME_LIMIT_S", 1.5)
 
     def stall() -> None:
         if running.rig.readings_taken == 3:

@@ -1,4 +1,4 @@
-"""Pictures that show something else than what the camera looks at now, and pictures of nothing."""
+"""Stale, frozen and empty pictures."""
 
 import cv2
 import numpy as np

@@ -1,4 +1,4 @@
-"""A computer whose clock is wrong: what it says of it, and that nothing is refused for it."""
+"""A wrong wall clock is reported, and no capture is refused for it."""
 
 from datetime import UTC, datetime
 from pathlib import Path

@@ -92,7 +92,7 @@ def test_a_field_that_scatters_fails() -> None:
 
 
 class Barometer:
-    """A talker that says these pressures."""
+    """A talker that sends these pressures."""
 
     def __init__(self, *pressures_hpa: float) -> None:
         self.pressures_hpa = pressures_hpa

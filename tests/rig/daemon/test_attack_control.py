@@ -1,4 +1,4 @@
-"""The control socket, and what is asked of a daemon: nobody holds it up or ends it, and its answers are honest."""
+"""The control socket and the daemon's requests: no client blocks or ends the daemon, and answers are correct."""
 
 import json
 import os
@@ -24,7 +24,7 @@ from hypothesis import strategies as st
 from rig.commands.cli import rig
 from rig.config.load import load_config
 from rig.daemon import control as control_module
-from rig.daemon.control import CLIENT_TIMEOUT_S, MAX_CLIENTS, ControlError, ControlSocket, ask
+from rig.daemon.control import CLIENT_TIMEOUT_S, MAX_CLIENTS, ControlError, ControlSocket, send_request
 from rig.daemon.heartbeat import Heartbeats
 from rig.daemon.main_loop import MainLoop
 from rig.daemon.named_files import check_named_files
@@ -74,8 +74,8 @@ class Listening:
 
     def lives(self) -> bool:
         begun_s = time.monotonic()
-        answers = ask(self.path, "status", PATIENCE_S)["activity"] == "starting"
-        return answers and time.monotonic() - begun_s < CLIENT_TIMEOUT_S / 2 and not self.heartbeats.stuck()
+        answers = send_request(self.path, "status", PATIENCE_S)["activity"] == "starting"
+        return answers and time.monotonic() - begun_s < CLIENT_TIMEOUT_S / 2 and not self.heartbeats.stalled()
 
 
 @pytest.fixture
@@ -139,13 +139,13 @@ def test_who_comes_with_many_others_comes_again_until_there_is_room(tmp_path: Pa
         serving = threading.Thread(target=serve)
         serving.start()
         stack.callback(serving.join)
-        assert ask(path, "trigger", PATIENCE_S) == {"answer": "started"}
+        assert send_request(path, "trigger", PATIENCE_S) == {"answer": "started"}
     with socket.socket(socket.AF_UNIX) as server, socket.socket(socket.AF_UNIX) as first:
         server.bind(str(tmp_path / "stays full"))
         server.listen(0)
         first.connect(str(tmp_path / "stays full"))
         with pytest.raises(ControlError, match="does not answer"):
-            ask(tmp_path / "stays full", "trigger", 0.3)
+            send_request(tmp_path / "stays full", "trigger", 0.3)
 
 
 def test_who_asks_much_and_reads_nothing_is_cut_off(
@@ -210,7 +210,7 @@ def test_a_client_survives_the_end_of_the_daemon(tmp_path: Path, answer: bytes) 
         thread.start()
         begun_s = time.monotonic()
         with pytest.raises(ControlError) as refusal:
-            ask(tmp_path / "s", "status", 0.5)
+            send_request(tmp_path / "s", "status", 0.5)
         ended.set()
         thread.join()
     assert time.monotonic() - begun_s < 5.0
@@ -231,7 +231,7 @@ def test_not_ready_comes_with_the_reason(tmp_path: Path) -> None:
     try:
         listening.daemon_state.set_activity("idle")
         listening.daemon_state.set_device("camera", "failing", "/dev/video0: no such device; plug it in")
-        assert ask(listening.path, "trigger") == {
+        assert send_request(listening.path, "trigger") == {
             "answer": "not ready",
             "why": "camera: /dev/video0: no such device; plug it in",
         }
@@ -281,7 +281,7 @@ def test_a_quota_full_of_waiting_bundles_is_reported_before_the_capture_too(tmp_
 
 
 def a_loop(path: Path) -> tuple[MainLoop, DaemonState, "queue.SimpleQueue[Any]"]:
-    """The daemon's main loop with nothing behind it, which reads its configuration anew from ``path``."""
+    """The daemon's main loop without other parts; it reloads its configuration from ``path``."""
     config = load_config(EXAMPLE)
     assert config.run
     daemon_state, terrain = DaemonState(), Future[None]()
@@ -326,7 +326,7 @@ def test_a_missing_dem_is_reported_with_key_file_and_advice(tmp_path: Path) -> N
 
 
 def test_rig_run_ends_at_once_where_a_file_that_it_names_is_missing(tmp_path: Path) -> None:
-    """Before anything of the rig is spoken to: none of its devices exists here, and no word is about them."""
+    """Before any device is used: none exists here, and none is mentioned."""
     path = tmp_path / "vehicle.toml"
     text = EXAMPLE.read_text()
     path.write_text(text)

@@ -49,7 +49,7 @@ class Server:
             yield client
 
     def answer_to(self, *parts: bytes) -> bytes:
-        """What comes back until the server ends the connection, or says no more for a moment."""
+        """The answer, until the server closes the connection or pauses."""
         with self.connected() as client:
             heard = b""
             try:

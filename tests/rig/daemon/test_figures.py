@@ -1,4 +1,4 @@
-"""What the daemon takes: seconds from its start to READY, processor and memory while it has nothing to do. Printed, not judged.
+"""Resources of the daemon: seconds from its start to READY, processor and memory when idle. Printed, not checked.
 
 ``pytest tests/rig/daemon/test_figures.py -m long -s``; on a computer that does nothing else, for the simulated rig beside it
 and whatever else runs are in the figures. ``--starts`` and ``--idle-s`` say how often and how long it is looked at.
@@ -92,7 +92,7 @@ def test_what_it_takes(request: pytest.FixtureRequest, rig: SimulatedRig, tmp_pa
             report("seconds from start to READY", ready_s)
             report("seconds of processor in the daemon until then", used_s)
             say_memory(daemon, "before the first capture")
-            assert daemon.ask("trigger") == {"answer": "started"}
+            assert daemon.send_request("trigger") == {"answer": "started"}
             daemon.until_idle(answers=1)
             time.sleep(SETTLED_S)
             say_memory(daemon, "after a capture")

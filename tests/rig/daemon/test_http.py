@@ -1,4 +1,4 @@
-"""What the daemon says over HTTP, and to whom."""
+"""The daemon's HTTP API and its access control."""
 
 import json
 import re
@@ -30,7 +30,7 @@ SANTA_CRUZ = Path(__file__).parents[3] / "sim" / "terrain" / "santa_cruz_srtm_1s
 
 
 class Published:
-    """A daemon's board and spool with the server's application over them."""
+    """A daemon state and a spool with the server's application."""
 
     def __init__(self, spool: Spool, token: str | None = TOKEN, dem: Path = SANTA_CRUZ) -> None:
         self.spool, self.daemon_state, self.actions = spool, DaemonState(), ScriptedActions()

@@ -53,7 +53,7 @@ def test_every_answer_is_one_that_the_document_announces(api: schemathesis.BaseS
         @given(
             case=strategies.one_of(*(operation.as_strategy(generation_mode=mode) for mode in GenerationMode))
         )
-        def ask(case: schemathesis.Case) -> None:
+        def send_request(case: schemathesis.Case) -> None:
             case.call_and_validate(headers={"Authorization": f"Bearer {TOKEN}"})
 
-        ask()
+        send_request()

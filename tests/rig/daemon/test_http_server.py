@@ -172,8 +172,8 @@ def test_its_loop_proves_that_it_gets_on_while_it_serves(spool: Spool) -> None:
     ) as url:
         assert httpx.get(f"{url}/status").status_code == 200
         heartbeats.beat("http", within_s=0.0)
-        wait_for(lambda: bool(heartbeats.stuck()))
-        wait_for(lambda: not heartbeats.stuck())
+        wait_for(lambda: bool(heartbeats.stalled()))
+        wait_for(lambda: not heartbeats.stalled())
     with pytest.raises(KeyError):
         heartbeats.beat("http")
 

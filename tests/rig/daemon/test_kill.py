@@ -47,7 +47,7 @@ def answer_for(bundle: str) -> Answer:
 
 
 def live(folder: Path, written: int, seed: int) -> None:
-    """Capture and locate until the end comes. What is told through ``written`` must never be lost."""
+    """Capture and locate until killed. What is reported through ``written`` must never be lost."""
     rng = np.random.default_rng(seed)
     with Spool(folder, QUOTA_MB) as spool:
         while True:
@@ -63,7 +63,7 @@ def live(folder: Path, written: int, seed: int) -> None:
 
 
 def lives(folder: Path, seed: int, life_s: float) -> list[str]:
-    """A process that lives that long; returns the bundles that it has told of."""
+    """Run a process for that time; returns the bundles that it reported."""
     heard, written = os.pipe()
     pid = os.fork()
     if pid == 0:
@@ -83,7 +83,7 @@ def lives(folder: Path, seed: int, life_s: float) -> list[str]:
 
 
 def assert_consistent(folder: Path, told: set[str]) -> None:
-    """Index and folder agree, every bundle is complete, every one that was told of is accounted for."""
+    """Index and folder agree, every bundle is complete, every reported one exists."""
     with Spool(folder, QUOTA_MB) as spool:
         entries = {entry.bundle: entry for entry in spool.entries(10_000)}
         here = {path.name for path in spool.bundles_dir.iterdir()}

@@ -1,4 +1,4 @@
-"""What an autopilot hears of ``[run.mavlink]``: decoded by pymavlink at the other end of real sockets and ports."""
+"""``[run.mavlink]`` as received by an autopilot, decoded by pymavlink from real sockets and ports."""
 
 import math
 import os
@@ -250,7 +250,7 @@ def test_a_sender_to_udpin_is_answered():
 
 @pytest.mark.parametrize("messages", [("GPS_INPUT",), ("EXTERNAL_POSITION_ESTIMATE",)])
 def test_an_autopilot_that_comes_in_the_middle_of_a_fix_still_gets_it(messages):
-    """A fix that went out while nobody was there would else be lost: GPS_INPUT has no acknowledgement."""
+    """GPS_INPUT has no acknowledgement, so a fix sent without a receiver would be lost."""
     kind = "GPS_INPUT" if messages == ("GPS_INPUT",) else "COMMAND_INT"
 
     def is_fix(message):
@@ -364,8 +364,8 @@ def test_the_loop_gives_proof_of_its_work(monkeypatch):
     heartbeats, daemon_state = Heartbeats(), DaemonState()
     with publishing(MavlinkOutput(connection="udpout:127.0.0.1:1"), daemon_state, heartbeats):
         until(lambda: link_of(daemon_state).state == "failing")
-        assert heartbeats.stuck() == ()
-    assert heartbeats.stuck() == ()
+        assert heartbeats.stalled() == ()
+    assert heartbeats.stalled() == ()
 
 
 FIX = published(

@@ -233,7 +233,7 @@ def test_the_loop_gives_proof_of_its_work_and_ends_with_the_context():
     heartbeats, before = Heartbeats(), threading.active_count()
     with publishing(section(), DaemonState(), heartbeats) as publisher:
         Client(publisher.tcp).until("GGA")
-        assert heartbeats.stuck() == ()
+        assert heartbeats.stalled() == ()
         with pytest.raises(ValueError, match="two loops are called 'nmea'"), heartbeats.watched("nmea", 1.0):
             pass
     assert threading.active_count() == before

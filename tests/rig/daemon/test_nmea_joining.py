@@ -10,7 +10,7 @@ from pynmeagps import NMEAReader
 
 from rig.config.run import NmeaOutput
 from rig.daemon.publish.nmea import publishing
-from rig.daemon.publish.nmea_sentences import epoch_for_anybody
+from rig.daemon.publish.nmea_sentences import epoch_for_datagrams
 from rig.daemon.publish.published import published
 from rig.daemon.state import DaemonState
 
@@ -91,7 +91,7 @@ def test_qgis_shows_the_fix_steadily_and_nothing_without_one(begins):
 
 def test_a_datagram_closes_the_epoch_by_itself():
     fix = published(an_answer())
-    lines = epoch_for_anybody(fix, CAPTURED_UTC.replace(hour=12), 6, ALL).splitlines(keepends=True)
+    lines = epoch_for_datagrams(fix, CAPTURED_UTC.replace(hour=12), 6, ALL).splitlines(keepends=True)
     told = [NMEAReader.parse(line, validate=1) for line in lines]
     assert [m.msgID for m in told] == ["ZDA", "RMC", "GGA", "GST", "HDT", "GLL", "GBS", "GBS"]
     of_the_fix, of_now = told[-2:]
@@ -106,6 +106,6 @@ def test_a_datagram_holds_only_the_sentences_asked_for():
     for kinds in (("RMC", "GGA"), ("GGA", "GBS")):
         told = [
             NMEAReader.parse(line).msgID
-            for line in epoch_for_anybody(fix, CAPTURED_UTC, 6, kinds).splitlines(keepends=True)
+            for line in epoch_for_datagrams(fix, CAPTURED_UTC, 6, kinds).splitlines(keepends=True)
         ]
         assert set(told) == set(kinds)

@@ -1,4 +1,4 @@
-"""What the service manager hears: real datagrams on a real socket."""
+"""Notifications to the service manager: real datagrams on a real socket."""
 
 import logging
 import os
@@ -149,7 +149,7 @@ def test_a_loop_that_hangs_is_named_and_the_watchdog_left_alone(
     notifier.ready("fix 46.2 N")
     with heartbeats.watched("publish", 600.0):
         in_thread(loop_that_waits, heartbeats, wait, done)
-        while not heartbeats.stuck():
+        while not heartbeats.stalled():
             time.sleep(0.01)
         manager.read_all()
         with watchdog(heartbeats, notifier):
@@ -172,10 +172,10 @@ def test_a_step_may_take_longer_than_the_loop() -> None:
     with heartbeats.watched("capture", 0.01):
         heartbeats.beat("capture", within_s=600.0)
         time.sleep(0.02)
-        assert not heartbeats.stuck()
+        assert not heartbeats.stalled()
         heartbeats.beat("capture")
         time.sleep(0.02)
-        assert [each.name for each in heartbeats.stuck()] == ["capture"]
+        assert [each.name for each in heartbeats.stalled()] == ["capture"]
 
 
 def test_a_loop_that_ends_in_order_is_not_missed() -> None:
@@ -183,18 +183,18 @@ def test_a_loop_that_ends_in_order_is_not_missed() -> None:
     with heartbeats.watched("capture", 0.001):
         pass
     time.sleep(0.005)
-    assert not heartbeats.stuck()
+    assert not heartbeats.stalled()
 
 
 def test_a_loop_ended_by_an_error_is_stalled_until_restarted() -> None:
     heartbeats = Heartbeats()
     with pytest.raises(ZeroDivisionError), heartbeats.watched("search", 600.0):
         _ = 1 // 0
-    assert [str(each) for each in heartbeats.stuck()] == [
+    assert [str(each) for each in heartbeats.stalled()] == [
         "search ended by ZeroDivisionError: integer division or modulo by zero"
     ]
     with heartbeats.watched("search", 600.0):
-        assert not heartbeats.stuck()
+        assert not heartbeats.stalled()
 
 
 def test_two_loops_of_one_name() -> None:
@@ -205,7 +205,7 @@ def test_two_loops_of_one_name() -> None:
         heartbeats.watched("search", 600.0),
     ):
         pass
-    assert not heartbeats.stuck()
+    assert not heartbeats.stalled()
 
 
 def test_after_stopping_the_watchdog_is_not_kicked(manager: Manager) -> None:

@@ -17,7 +17,7 @@ from fakes import located
 
 from rig.commands.cli import rig
 from rig.config.run import control_socket_of_invalid_config
-from rig.daemon.control import ControlError, ControlSocket, ask
+from rig.daemon.control import ControlError, ControlSocket, send_request
 from rig.daemon.log import logging_to
 from rig.daemon.signals import Signals, StopRequestedError
 from rig.daemon.state import DaemonState
@@ -134,9 +134,9 @@ def control(tmp_path: Path) -> Iterator[Path]:
 
 class TestControl:
     def test_trigger_and_status(self, control: Path) -> None:
-        assert ask(control, "trigger") == {"answer": "started"}
-        assert ask(control, "trigger") == {"answer": "busy"}
-        assert ask(control, "status")["counts"]["triggers"] == 2
+        assert send_request(control, "trigger") == {"answer": "started"}
+        assert send_request(control, "trigger") == {"answer": "busy"}
+        assert send_request(control, "status")["counts"]["triggers"] == 2
 
     @pytest.mark.parametrize("line", [b"", b"\n", b"nonsense\n", b"[1]\n", b'{"do": 5}\n', b"x" * 100_000])
     def test_nonsense_is_answered(self, control: Path, line: bytes) -> None:
@@ -149,16 +149,16 @@ class TestControl:
                 pass  # it has heard enough
             else:
                 assert "error" in json.loads(client.makefile().readline() or '{"error": ""}')
-        assert ask(control, "status")["activity"] == "starting"
+        assert send_request(control, "status")["activity"] == "starting"
 
     def test_a_client_that_says_nothing_does_not_hold_up_the_next(self, control: Path) -> None:
         with socket.socket(socket.AF_UNIX) as silent:
             silent.connect(str(control))
-            assert ask(control, "status")["activity"] == "starting"
+            assert send_request(control, "status")["activity"] == "starting"
 
     def test_without_a_daemon_one_line_says_so(self, tmp_path: Path) -> None:
         with pytest.raises(ControlError, match="no rig run listens there"):
-            ask(tmp_path / "control.sock", "status")
+            send_request(tmp_path / "control.sock", "status")
 
     def test_a_daemon_can_be_asked_although_its_configuration_is_bad_by_now(self, control: Path) -> None:
         config = control.parent / "vehicle.toml"

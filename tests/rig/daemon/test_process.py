@@ -14,7 +14,7 @@ from fakes.simulated import Quick, quick_rig, world
 
 from localizer.bundle import load_bundle
 from rig.config.load import load_config
-from rig.daemon.control import ControlError, ask
+from rig.daemon.control import ControlError, send_request
 from rig.daemon.spool.store import ODOMETER
 from sim.commands.options import EMBEDDED_DEM
 
@@ -70,8 +70,8 @@ def test_bad_configurations_are_refused_a_trigger_is_answered_and_a_stop_in_the_
     daemon.until(lambda status: "configuration read anew" in daemon.log.read_text(), "read anew")
 
     daemon.until_ready()
-    assert daemon.ask("trigger") == {"answer": "started"}
-    assert daemon.ask("trigger") == {"answer": "busy"}
+    assert daemon.send_request("trigger") == {"answer": "started"}
+    assert daemon.send_request("trigger") == {"answer": "busy"}
     status = daemon.until_idle(answers=1)
     (folder,) = (daemon.spool / "bundles").iterdir()
     assert status["last"]["bundle"] == load_bundle(folder).id
@@ -89,7 +89,7 @@ def test_bad_configurations_are_refused_a_trigger_is_answered_and_a_stop_in_the_
     assert quick.torques == [0, 0]
     assert [path.name for path in (daemon.spool / "bundles").iterdir()] == [folder.name]
     with pytest.raises(ControlError, match="no rig run listens there"):
-        ask(daemon.control, "status")
+        send_request(daemon.control, "status")
 
 
 @pytest.mark.long
@@ -109,7 +109,7 @@ def test_legs_that_were_heard_before_the_power_failed_count_after_it(quick: Quic
 
     with running_daemon(config, tmp_path / "log") as daemon:
         daemon.until_ready()
-        daemon.ask("trigger")
+        daemon.send_request("trigger")
         daemon.until_counted("captures done", 1)
         drive_east()
         heard_s = time.monotonic()
@@ -125,7 +125,7 @@ def test_legs_that_were_heard_before_the_power_failed_count_after_it(quick: Quic
         daemon.until_ready()
         missed_s = time.monotonic() - heard_s
         drive_east()
-        daemon.ask("trigger")
+        daemon.send_request("trigger")
         daemon.until_counted("captures done", 1)
     ((leg,),) = index.execute("SELECT leg FROM bundles ORDER BY number DESC LIMIT 1").fetchall()
     index.close()

@@ -17,7 +17,7 @@ from localizer.track.tracker import Tracker
 from rig import clock
 from rig.clock import Instant
 from rig.config.run import HttpServer
-from rig.daemon.boot import asleep_s, boot_id
+from rig.daemon.boot import boot_id, suspended_s
 from rig.daemon.http.app import make_app
 from rig.daemon.http.event_streams import EventStreams
 from rig.daemon.http.map import ReliefMap
@@ -184,8 +184,8 @@ def test_a_fix_of_before_the_computer_slept_is_not_current(
     daemon_state = DaemonState()
     daemon_state.set_answer(answer_of("a", age_s=5.0))
     assert current_fix(daemon_state.snapshot(), Instant.now(), VALID_S) is not None
-    slept_s = asleep_s() + 7200.0
-    monkeypatch.setattr("rig.daemon.state.asleep_s", lambda: slept_s)
+    slept_s = suspended_s() + 7200.0
+    monkeypatch.setattr("rig.daemon.state.suspended_s", lambda: slept_s)
     assert current_fix(daemon_state.snapshot(), Instant.now(), VALID_S) is None
     daemon_state.set_answer(answer_of("b", age_s=0.0))
     assert current_fix(daemon_state.snapshot(), Instant.now(), VALID_S) is not None
@@ -193,7 +193,7 @@ def test_a_fix_of_before_the_computer_slept_is_not_current(
 
 
 def test_ages_are_put_right_once_the_clock_is(spool: Spool, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A computer without a battery for its clock says 1970 until it hears of the time."""
+    """A computer without a battery-backed clock starts in 1970."""
     stored(spool, 1, age_s=300.0, boot="another boot")
     monkeypatch.setattr(clock, "_session", clock._session)  # for monkeypatch to put back
     monkeypatch.setattr(clock, "wall_clock", lambda: datetime(1970, 1, 1, 0, 1, tzinfo=UTC))

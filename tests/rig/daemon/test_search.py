@@ -1,4 +1,4 @@
-"""The search in its own process: whatever happens there, the daemon goes on and the bundle is accounted for."""
+"""The search process: after any failure there the daemon continues and the bundle is accounted for."""
 
 import sys
 import threading

@@ -1,4 +1,4 @@
-"""``rig run`` under a service manager: a process, a real socket, and what it says from its start to its end."""
+"""``rig run`` under a service manager: a real process and socket, and its notifications from start to end."""
 
 import os
 import signal

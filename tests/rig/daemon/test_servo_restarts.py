@@ -75,7 +75,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 
 
 def restarts_within(restarts: ServoRestarts, clock: list[float], seconds: int) -> int:
-    """How often they are restarted while the error is there at each look, once a second."""
+    """Number of restarts while the error persists, probed once a second."""
     count = 0
     for _ in range(seconds):
         count += len(restarts.hardware_error_seen())

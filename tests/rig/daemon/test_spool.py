@@ -23,7 +23,7 @@ A_LEG = Movement(np.array([200.0, 10.0]), np.diag([16.0, 9.0]))
 
 
 def put_bundle(spool: Spool, name: str, size: int = 3_000_000) -> str:
-    """A folder that looks like a bundle from outside, as a capture leaves it."""
+    """A folder like that of a captured bundle."""
     folder = spool.bundles_dir / name
     (folder / "frames").mkdir(parents=True)
     (folder / "frames" / "N.png").write_bytes(b"x" * size)

@@ -1,4 +1,4 @@
-"""Who asks for a capture and what he is told; rest and movement; devices that come and go."""
+"""Capture requests and their answers; the stationary trigger; devices that fail and return."""
 
 import queue
 import threading
@@ -71,7 +71,7 @@ class TestNextConfiguration:
         loop, triggers, _ = self.a_loop(daemon_state, taken)
         assert triggers.trigger("command") == "started"
         triggers.stop()
-        loop.give_up()
+        loop.on_shutdown()
         assert taken == ["command interrupted"]
 
 
@@ -119,7 +119,7 @@ class TestRest:
     SECTION = RestTrigger(still_s=10.0, still_mg=5.0)
 
     def drive(self, detector: StationaryDetector, noises_mg: dict[range, float]) -> list[int]:
-        """Seconds at which it came to rest; whoever is told takes a capture."""
+        """Seconds at which it became stationary; a capture follows each."""
         rests = []
         for seconds, level_mg in noises_mg.items():
             for second in seconds:
@@ -171,7 +171,7 @@ class TestRest:
 
 
 class ShakenChip:
-    """An inclinometer that is shaken in the seconds named, and says so by its readings."""
+    """An inclinometer with vibration in the given seconds."""
 
     def __init__(self, shaken: set[int], over: threading.Event) -> None:
         self._shaken = shaken

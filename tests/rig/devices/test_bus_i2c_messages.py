@@ -1,4 +1,4 @@
-"""What an I2C bus refuses is told in words that fit, with what to do; and a bus may be named as people name it."""
+"""Messages for I2C failures, with what to do; and the names of buses."""
 
 import errno
 import os

@@ -1,4 +1,4 @@
-"""A camera of this computer as another program has left it: made known, told what is wished, and given back."""
+"""A local camera in the state that another program left: detected, set and restored."""
 
 import errno
 import os
@@ -28,7 +28,7 @@ MJPG, YUYV = (float(cv2.VideoWriter.fourcc(*name)) for name in ("MJPG", "YUYV"))
 
 
 class Driver:
-    """Controls of a V4L2 camera, which outlive whoever sets them. ``automatic`` and 1 are the modes that it has."""
+    """Controls of a V4L2 camera, which persist. ``automatic`` and 1 are its modes."""
 
     def __init__(self, automatic: float = 3.0, **left: float) -> None:
         self.modes = {automatic, 1.0}
@@ -252,7 +252,7 @@ def test_a_size_that_the_driver_snaps_to_another_is_refused(opened: Any) -> None
 
 
 def test_keys_for_a_driver_do_not_go_with_a_stream() -> None:
-    with pytest.raises(ValidationError, match="gain is told to the driver"):
+    with pytest.raises(ValidationError, match="gain is set in the driver"):
         section(source="http://camera/stream.mjpg", gain=3.0)
 
 

@@ -1,4 +1,4 @@
-"""A camera that cannot be opened says why, whatever stands in the way, and never with its password; pictures one by one."""
+"""Messages for a camera that cannot be opened, never with its password; and cameras with single pictures."""
 
 import base64
 import os

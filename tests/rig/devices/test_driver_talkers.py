@@ -1,4 +1,4 @@
-"""Instruments that talk by themselves: the newest reading wins, and nobody waits for ever."""
+"""Talkers: the newest reading is used, and every wait has a limit."""
 
 import os
 import threading

@@ -1,4 +1,6 @@
-"""One serial stream for two devices: both hear all of it, from several threads, and nobody closes it under the other."""
+"""One serial port shared by two devices: both receive everything, in several threads, and neither closes it for the
+other.
+"""
 
 import os
 import threading

@@ -46,14 +46,14 @@ def line() -> Iterator[Line]:
 
 @pytest.fixture(autouse=True)
 def in_haste(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No time to find out who talks on the line."""
+    """Without time for the survey of the line."""
     monkeypatch.setattr(talker, "SURVEY_S", 0.0)
     monkeypatch.setattr(talker, "COMPASS_SURVEY_S", 0.0)
 
 
 @pytest.fixture
 def hear(line: Line, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Any]]:
-    """Plays bytes to a driver: ``hear(nmea_compass, data, key=...)`` gives its readings."""
+    """Sends bytes to a driver: ``hear(nmea_compass, data, key=...)`` returns its readings."""
     monkeypatch.setattr(talker, "DEFAULT_TIMEOUT_S", SOON_S)
     opened: list[Talker[Any]] = []
 

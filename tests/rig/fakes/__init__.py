@@ -1,1 +1,1 @@
-"""Devices that the driver tests talk to: servos on a pty, chips as register files, talkers on a pty."""
+"""Fake devices for the driver tests: servos on a pty, chips as register files, talkers on a pty."""

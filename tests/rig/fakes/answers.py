@@ -1,4 +1,4 @@
-"""Answers as the daemon puts them on its board, for whoever publishes them."""
+"""Answers as in the daemon state, for publishers."""
 
 import time
 from datetime import UTC, datetime, timedelta

@@ -1,4 +1,4 @@
-"""``rig run`` as a process, and what it says of itself."""
+"""``rig run`` as a process, and its output."""
 
 import os
 import signal
@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.config.load import load_config
-from rig.daemon.control import ControlError, ask
+from rig.daemon.control import ControlError, send_request
 from sim.launch.child_command import find_command, search_path
 
 PATIENCE_S, LONG_PATIENCE_S = 120.0, 900.0
@@ -29,12 +29,12 @@ class Daemon:
     log: Path
     patience_s: float = PATIENCE_S
 
-    def ask(self, wish: str) -> dict[str, Any]:
+    def send_request(self, wish: str) -> dict[str, Any]:
         """What it answers over its socket."""
-        return ask(self.control, wish, PATIENCE_S)
+        return send_request(self.control, wish, PATIENCE_S)
 
     def status(self) -> dict[str, Any]:
-        return self.ask("status")
+        return self.send_request("status")
 
     def until(self, true: Callable[[dict[str, Any]], object], what: str) -> dict[str, Any]:
         """Its status, once that is as expected."""

@@ -1,4 +1,4 @@
-"""Driving the simulated rig as a user of the simulator does: its odometer tells the way, its inclinometer is shaken."""
+"""Drives the simulated rig as a user does: its odometer sends the motion, its inclinometer vibrates."""
 
 import os
 import subprocess
@@ -32,7 +32,7 @@ def next_stop(rig: SimulatedRig, course_deg: float) -> tuple[float, float, float
 
 
 def drive_to(rig: SimulatedRig, lat_deg: float, lon_deg: float, seconds: float) -> None:
-    """``sim drive`` there; returns when the vehicle stands."""
+    """``sim drive`` there; returns when the vehicle is stationary."""
     command = [find_command("sim"), "drive", "--seconds", str(seconds), "--"]
     environment = {**os.environ, "PATH": search_path(), **rig.environment}
     subprocess.run([*command, f"{lat_deg:.7f}", f"{lon_deg:.7f}"], env=environment, check=True, timeout=300)

@@ -1,4 +1,4 @@
-"""A serial line without an instrument: the test speaks."""
+"""A serial line without an instrument: the test sends the bytes."""
 
 import os
 import pty

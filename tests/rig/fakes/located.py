@@ -1,4 +1,4 @@
-"""Bundles, answers and a board as the daemon has them, without a rig and without a search."""
+"""Bundles, answers and a daemon state, without a rig and without a search."""
 
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
@@ -132,7 +132,7 @@ def bundle_id(number: int) -> str:
 
 @dataclass
 class ScriptedActions:
-    """Answers triggers as told, and notes them."""
+    """Answers triggers with a given answer, and records them."""
 
     answer: TriggerAnswer = "started"
     asked: list[TriggerSource] = field(default_factory=list)

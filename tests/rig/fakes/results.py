@@ -1,4 +1,4 @@
-"""Results of a search that nobody made: places where a test wants them."""
+"""Fabricated search results: places as a test needs them."""
 
 import numpy as np
 

@@ -133,7 +133,7 @@ class FakeServoBus:
         self._folder.cleanup()
 
     def unplug(self) -> None:
-        """What a pulled USB plug looks like: every call on the port fails."""
+        """An unplugged USB port: every call fails."""
         if self._thread.is_alive():
             os.write(self._stop_write, b"x")
             self._thread.join()

@@ -38,7 +38,7 @@ def world(
     altimeter_quirk: str | None = None,
     one_stream: bool = False,
 ) -> World:
-    """A world with these devices; with ``one_stream`` the barometer talks on the compass's port."""
+    """A world with these devices; with ``one_stream`` the barometer shares the compass's port."""
     scenario = Scenario(
         inclinometer=Inclinometer.model_validate({"chip": inclinometer}),
         compass=Compass.model_validate({"kind": compass, "quirk": compass_quirk}),
@@ -106,7 +106,7 @@ class Quick:
 
 
 class Silent:
-    """Tells nobody."""
+    """A progress reporter without output."""
 
     def doing(self, what: str) -> None:
         pass

@@ -1,4 +1,4 @@
-"""``rig capture --repeat``: numbered bundles, and a series that goes on where it was stopped."""
+"""``rig capture --repeat``: numbered bundles, and a series that can be resumed."""
 
 import json
 import os
@@ -17,7 +17,15 @@ from fakes.whole_rig import RunningRig
 
 from localizer.bundle import Bundle, load_bundle
 from rig.series import run as series_run
-from rig.series.journal import Plan, Series, SeriesError, begin_series, held, load_series, unfinished_series
+from rig.series.journal import (
+    Plan,
+    Series,
+    SeriesError,
+    begin_series,
+    load_series,
+    locked_series,
+    unfinished_series,
+)
 from rig.series.summary import summary, summary_text
 
 PLAN = Plan(3, 0.0, ("N", "E"), "test")
@@ -121,10 +129,10 @@ def test_the_record_survives_a_torn_line(tmp_path: Path, bundle: Bundle) -> None
         file.write('{"taken": 2, "ti')
     found = unfinished_series(tmp_path, PLAN)
     assert found is not None
-    assert found.left() == [2, 3]
-    with held(found.folder) as again:
+    assert found.remaining() == [2, 3]
+    with locked_series(found.folder) as again:
         again.failed(2, 1.0, "why")
-    assert load_series(found.folder).left() == [3], "the torn line did not eat the next one"
+    assert load_series(found.folder).remaining() == [3], "the torn line did not eat the next one"
 
 
 def test_only_an_unfinished_series_of_the_same_plan_goes_on(tmp_path: Path) -> None:
@@ -138,9 +146,9 @@ def test_only_an_unfinished_series_of_the_same_plan_goes_on(tmp_path: Path) -> N
 def test_two_processes_do_not_take_one_series(tmp_path: Path) -> None:
     folder = begin_series(tmp_path, PLAN).folder
     with (
-        held(folder),
+        locked_series(folder),
         pytest.raises(SeriesError, match="another process is taking this series"),
-        held(folder),
+        locked_series(folder),
     ):
         pass
 
@@ -177,10 +185,10 @@ def test_a_stopped_series_keeps_its_rhythm(
 ) -> None:
     series = Series(tmp_path, Plan(3, 60.0, ("N",), "test"))
     series.begin(1)
-    assert series_run._still_waits_s(series) == 0.0, "what was under way is taken again at once"
+    assert series_run._remaining_wait_s(series) == 0.0, "what was under way is taken again at once"
     series.taken(1, 3.0, bundle, {})
     series.begun[1] -= timedelta(seconds=gone_s)
-    assert series_run._still_waits_s(series) == pytest.approx(waits_s, abs=2.0)
+    assert series_run._remaining_wait_s(series) == pytest.approx(waits_s, abs=2.0)
 
 
 def test_headings_about_north_spread_little(tmp_path: Path, bundle: Bundle) -> None:

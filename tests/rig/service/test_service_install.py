@@ -1,4 +1,4 @@
-"""``rig service`` into a directory: what is there afterwards, and what a crew is told."""
+"""``rig service`` into a directory: the installed files and the messages."""
 
 import os
 import re
@@ -197,7 +197,7 @@ def test_an_installation_behind_a_closed_folder_is_reported(
     (closed / "bin").chmod(0o755)
     (closed / "bin/rig").chmod(0o755)
     closed.chmod(0o750)
-    assert access_check.unreachable(closed / "bin/rig") == f"{closed}: the user skyfix may not enter it"
+    assert access_check.access_problem(closed / "bin/rig") == f"{closed}: the user skyfix may not enter it"
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""What ``sim demo`` prints of a fix: the claimed accuracy beside the true error, both metres of the ground."""
+"""Output of ``sim demo``: the stated uncertainty with the true error, both in metres of the ground."""
 
 import json
 
@@ -9,7 +9,7 @@ from pyproj import Geod, Transformer
 
 from localizer.fix import Candidate, Fix, Position
 from sim.commands.demo import _fields, claim_of, judge, summary
-from sim.evaluate.answer import Answer
+from sim.evaluate.case_result import CaseResult
 
 GEOD = Geod(ellps="WGS84")
 
@@ -74,7 +74,7 @@ def test_without_a_position_nothing_is_claimed():
 
 def test_an_evaluation_measures_on_the_ground():
     fix = a_fix("EPSG:3857", 68.3, 15.1)
-    answer = Answer(fix=fix, covariances_m2=np.array([fix.covariance_m2]), errors=None, contours_px=())
+    answer = CaseResult(fix=fix, covariances_m2=np.array([fix.covariance_m2]), errors=None, contours_px=())
     lon_deg, lat_deg, _ = GEOD.fwd(15.1, 68.3, 0.0, 6.0)
     there = a_place("EPSG:3857", lat_deg, lon_deg)
     off_m, mahalanobis2 = answer.off_by(there["easting_m"], there["northing_m"])

@@ -1,4 +1,4 @@
-"""Fault scripts: what they may say, and that each fault does to a device what its name says."""
+"""Fault scripts: their validation, and the effect of each fault."""
 
 import json
 import time
@@ -82,7 +82,7 @@ def test_a_wire_damages_messages_until_it_is_mended(name: str, arrives: bytes | 
 
 
 class Counter:
-    """A chip whose reading counts up; a power cycle begins anew."""
+    """A chip whose reading counts up; a power cycle resets it."""
 
     address = 0x1D
 

@@ -24,7 +24,7 @@ from sim.devices.ms5611 import Ms5611
 
 
 class Surroundings:
-    """What the chips measure, and time that passes when told to."""
+    """Input of the chips, and a manual clock."""
 
     def __init__(self) -> None:
         self.now_s = 50.0

@@ -20,7 +20,7 @@ NOTHING, RANGE, LENGTH, LIMIT, ACCESS = 0, 4, 5, 6, 7
 
 
 class Clock:
-    """Time that passes when told to."""
+    """A manual clock."""
 
     def __init__(self) -> None:
         self.now_s = 100.0

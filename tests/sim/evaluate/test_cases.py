@@ -1,4 +1,4 @@
-"""Cases as they are drawn: what is wrong with them is what the scenario says."""
+"""Drawn cases: their errors are those of the scenario."""
 
 from pathlib import Path
 

@@ -16,7 +16,7 @@ from sim.errors import SimulationError
 from sim.evaluate.photos import tables
 from sim.evaluate.photos.position_search import Trial, is_true_place, judge, skyline_of_trace
 from sim.evaluate.photos.run import PhotoEvaluation, evaluate_photos
-from sim.evaluate.photos.skyline_score import score_skyline, together
+from sim.evaluate.photos.skyline_score import combined_score, score_skyline
 from sim.evaluate.photos.traced_pictures import HELD_OUT, TUNED_ON, hand_traced
 
 
@@ -67,7 +67,7 @@ def test_a_nearer_ridge_and_a_cloud_are_distinguished():
 def test_pictures_together_count_by_their_columns():
     one = score_skyline(found([5.0] * 3, [1.0] * 3), np.full(3, 5.0), 9)
     other = score_skyline(found([5.0], [0.0]), np.full(1, 5.0), 9)
-    assert together([one, other]).confident_share == pytest.approx(0.75)
+    assert combined_score([one, other]).confident_share == pytest.approx(0.75)
 
 
 def test_the_true_place_is_within_five_cells_or_five_sigmas():

@@ -1,4 +1,4 @@
-"""The boresight's fit on rendered pictures of a place: what tracing the skyline costs, and what all the rest.
+"""The boresight's fit on rendered pictures: errors from tracing the skyline, and from everything else.
 
 ``pytest tests/sim/render/test_boresight_pictures.py -m long -s`` says how far off each place's fit is.
 """

@@ -1,4 +1,4 @@
-"""What a replayed servo says to a driver that asks more than the driver of then."""
+"""Answers of a replayed servo to reads that were not recorded."""
 
 from sim.devices.dynamixel_packet import crc16
 from sim.replay.registers import factory_answer

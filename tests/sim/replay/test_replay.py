@@ -1,4 +1,4 @@
-"""A log that is played back answers what is asked, however often, and says what it does not hold."""
+"""A played-back log answers requests, however often, and reports missing ones."""
 
 import json
 from contextlib import closing
@@ -22,7 +22,7 @@ from sim.devices.dynamixel_packet import Instruction, packet
 from sim.replay.devices import ReplayedChip, ReplayedServos, whole_lines
 from sim.replay.log_file import load_log
 from sim.replay.playback import replaying
-from sim.replay.response_lookup import RecordedExchange, ResponseLookup, epoch_heard
+from sim.replay.response_lookup import RecordedExchange, ResponseLookup, recorded_epoch
 
 LOGS = sorted((Path(__file__).parents[2] / "logs").glob("*.log"))
 
@@ -145,7 +145,7 @@ def test_what_is_asked_at_a_stop_is_answered_from_that_stop() -> None:
     ]  # before the head was ever sent anywhere: its first stop
     now = 4
     assert levels(5) == [(4, 0), (4, 1), (4, 2), (4, 0), (4, 1)]
-    assert [epoch_heard([2, 4], at) for at in (0, 2, 3, 4, 9)] == [2, 2, 2, 4, 4]
+    assert [recorded_epoch([2, 4], at) for at in (0, 2, 3, 4, 9)] == [2, 2, 2, 4, 4]
 
 
 def test_registers_within_a_longer_read_are_answered_from_it() -> None:

@@ -1,4 +1,4 @@
-"""A rig fresh from the workshop is calibrated by the real commands, and its bundles are right afterwards."""
+"""An uncalibrated rig is calibrated by the real commands, and its bundles are accurate afterwards."""
 
 from pathlib import Path
 

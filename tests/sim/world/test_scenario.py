@@ -1,4 +1,4 @@
-"""A scenario file says only what differs, and a slip in it is named."""
+"""A scenario file holds only what differs from the defaults; errors in it are reported with the key."""
 
 from pathlib import Path
 

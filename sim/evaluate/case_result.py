@@ -19,7 +19,7 @@ NEAR_SIGMAS = 5.0
 
 
 @dataclass(frozen=True)
-class Answer:
+class CaseResult:
     """The result. ``covariances_m2`` (k, 2, 2) are those of the fix's candidates; ``contours_px`` (u, v) the columns
     used of each frame.
     """

@@ -24,14 +24,14 @@ from sim.faults.picture import FaultyPictures
 from sim.faults.script import Fault
 from sim.faults.wire import Wire
 
-NOWHERE_TO_WRITE = Path("/sys/kernel")
+UNWRITABLE_FOLDER = Path("/sys/kernel")
 """A folder in which not even root can create files."""
 
 Step = Callable[[], None]
 
 
 @dataclass
-class Stage:
+class FaultTargets:
     """The targets of faults. ``sensors``: chip or talker by its name in scripts."""
 
     servo_port: PtyPort
@@ -63,7 +63,7 @@ class Stage:
         limit_files(self, self.largest_file)
 
 
-def steps(stage: Stage, fault: Fault) -> tuple[Step, Step]:
+def steps(stage: FaultTargets, fault: Fault) -> tuple[Step, Step]:
     """The functions that start and end a fault.
 
     Raises:
@@ -95,7 +95,7 @@ def _wire_steps(wire: Wire, port: PtyPort, fault: Fault) -> tuple[Step, Step]:
     return lambda: wire.begin(fault), lambda: wire.end(fault)
 
 
-def _sensor_steps(stage: Stage, fault: Fault) -> tuple[Step, Step]:
+def _sensor_steps(stage: FaultTargets, fault: Fault) -> tuple[Step, Step]:
     sensor = stage.sensors[fault.device]
     group = "talker" if isinstance(sensor, Talker) else "chip"
     if fault.fault not in CATALOGUE[group]:
@@ -133,7 +133,7 @@ def _servo_steps(servo: Servo, fault: Fault) -> tuple[Step, Step]:
     return lambda: setattr(servo, name, value), lambda: setattr(servo, name, before)
 
 
-def _power(stage: Stage, *, on: bool) -> None:
+def _power(stage: FaultTargets, *, on: bool) -> None:
     for servo in stage.servos.values():
         if on:
             servo.reboot()
@@ -142,23 +142,23 @@ def _power(stage: Stage, *, on: bool) -> None:
         servo.silent = not on
 
 
-def _step_clock(stage: Stage, seconds: float) -> None:
+def _step_clock(stage: FaultTargets, seconds: float) -> None:
     stage.clock_offset_s += seconds
     fresh = stage.clock_file.with_suffix(".new")
     fresh.write_text(f"{stage.clock_offset_s:.3f}\n", encoding="ascii")
     fresh.replace(stage.clock_file)
 
 
-def _disk_steps(stage: Stage, fault: Fault) -> tuple[Step, Step]:
+def _disk_steps(stage: FaultTargets, fault: Fault) -> tuple[Step, Step]:
     if fault.fault == "full":
         limit = int(fault.parameters["largest_file_bytes"])
         return lambda: limit_files(stage, limit), lambda: limit_files(stage, resource.RLIM_INFINITY)
-    return lambda: _point(stage.bundle_link, NOWHERE_TO_WRITE), lambda: _point(
+    return lambda: _point(stage.bundle_link, UNWRITABLE_FOLDER), lambda: _point(
         stage.bundle_link, stage.bundle_dir
     )
 
 
-def limit_files(stage: Stage, size: int) -> None:
+def limit_files(stage: FaultTargets, size: int) -> None:
     """Limit the command's file size to ``size`` bytes: the closest to a full disk without privileges."""
     stage.largest_file = size
     if stage.command_pid is None:
@@ -183,7 +183,9 @@ def _nothing() -> None:
 
 
 @contextmanager
-def playing(stage: Stage, faults: Sequence[Fault], say: Callable[[str], None]) -> Iterator[None]:
+def injecting_faults(
+    stage: FaultTargets, faults: Sequence[Fault], say: Callable[[str], None]
+) -> Iterator[None]:
     """Apply ``faults`` on schedule while the context lasts; ``say`` is called for each.
 
     Faults at 0 s are active before the context is entered. Other times count from the rig's first instruction to the

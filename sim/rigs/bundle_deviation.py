@@ -19,7 +19,7 @@ MARGIN = 0.08
 
 
 @dataclass(frozen=True)
-class BundleError:
+class BundleDeviation:
     """Largest errors over the frames of a bundle, degrees, with the common azimuth error separate; altitude in metres.
 
     Directions are compared at pixels: lens, boresight and readings together. ``claimed_*`` are the bundle's own sigmas,
@@ -58,14 +58,14 @@ class CameraLog:
         return earlier[-1]
 
 
-def bundle_error(directory: Path, world: World, log: CameraLog) -> BundleError:
+def bundle_deviation(directory: Path, world: World, log: CameraLog) -> BundleDeviation:
     """Compare a bundle with the truth of its world."""
     bundle = load_bundle(directory)
     off = np.array([_off_deg(bundle, frame, world, log) for frame in bundle.frames])
     azimuth = (off[:, 0] + 180.0) % 360.0 - 180.0
     bias_deg = float(azimuth.mean())
     altitude = bundle.altitude
-    return BundleError(
+    return BundleDeviation(
         _largest(off[:, 1]),
         _largest(off[:, 2]),
         _largest(azimuth - bias_deg),
