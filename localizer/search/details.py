@@ -84,7 +84,15 @@ class LocateDetails:
 
 @dataclass(frozen=True)
 class LocateResult:
-    """What ``localizer.search.locate.locate_bundle`` returns."""
+    """What `locate` returns.
+
+    Attributes
+    ----------
+    fix : Fix
+        The position with its covariance, and the status.
+    details : LocateDetails
+        How it came about: contours, predicted skylines, surviving cells, candidates, solved errors.
+    """
 
     fix: Fix
     details: LocateDetails
