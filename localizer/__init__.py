@@ -2,10 +2,9 @@
 
 >>> import localizer
 >>> dem = localizer.load_dem("terrain.tif")
->>> bundle = localizer.load_bundle("bundles/first")
->>> result = localizer.locate(bundle, dem)
->>> result.fix.status
-'fix'
+>>> skyline = localizer.predict_skyline(dem, 37.25, -122.15)
+>>> highest = max(skyline.summits, key=lambda summit: summit.elevation_deg)
+>>> f"{highest.elevation_deg:.1f} deg high, {highest.distance_m / 1000:.1f} km away"
 
 Names carry their units. Angles are degrees; azimuths are true, clockwise from north; latitudes and longitudes are WGS84.
 Altitudes are metres above the DEM's vertical datum. Arrays are numpy arrays; pixel centres lie at whole numbers.

@@ -333,7 +333,7 @@ def load_bundle(path: str | PathLike[str]) -> Bundle:
     --------
     >>> bundle = localizer.load_bundle("bundles/first")
     >>> [frame.label for frame in bundle.frames]
-    ['W', 'N', 'E', 'S']
+    ['N', 'E', 'S', 'W']
     """
     path = Path(path)
     if not path.is_dir():

@@ -87,7 +87,7 @@ def pixel_rays(camera: Intrinsics, u_px: ArrayLike, v_px: ArrayLike) -> Floats:
     --------
     >>> camera = localizer.load_bundle("bundles/first").camera
     >>> rays = localizer.pixel_rays(camera, [camera.cx_px], [camera.cy_px])
-    >>> rays @ localizer.camera_to_world(90.0, 0.0, 0.0).T  # east, north, up
+    >>> (rays @ localizer.camera_to_world(90.0, 0.0, 0.0).T).round(6)  # east, north, up
     array([[1., 0., 0.]])
     """
     points = np.stack(np.broadcast_arrays(np.asarray(u_px, float), np.asarray(v_px, float)), axis=-1).reshape(
@@ -126,6 +126,7 @@ def project(
     >>> rotation = localizer.camera_to_world(90.0, 5.0, 0.0)
     >>> u_px, v_px = localizer.project(camera, rotation, [90.0, 270.0], [5.0, 0.0])
     >>> u_px.round(1), v_px.round(1)
+    (array([319.5,   nan]), array([239.5,   nan]))
     """
     world = direction_vectors(np.asarray(azimuth_deg, float), np.asarray(elevation_deg, float))
     in_camera = world @ rotation

@@ -168,10 +168,11 @@ class Fix(_Part):
 
     Examples
     --------
-    >>> from pathlib import Path
-    >>> fix = localizer.Fix.model_validate_json(Path("fix.json").read_text())  # of localizer locate --json
+    >>> fix = result.fix  # of locate
     >>> fix.status, fix.position.crs
     ('fix', 'EPSG:32610')
+    >>> localizer.Fix.model_validate_json(fix.to_json()) == fix  # JSON is what localizer locate --json prints
+    True
     >>> fix.error_ellipse().semi_major_m < 5.0
     True
     """

@@ -51,7 +51,20 @@ class Truth(BaseModel):
         return float(easting_m), float(northing_m)
 
     def distance_m(self, position: Position, dem: Dem) -> float:
-        """Measure how far on the ground a position lies from the true one."""
+        """Measure how far on the ground a position lies from the true one.
+
+        Parameters
+        ----------
+        position : Position
+            As a fix has it.
+        dem : Dem
+            The elevation model that was searched.
+
+        Returns
+        -------
+        float
+            Metres.
+        """
         return ground_distance_m(dem.metric_crs, position.easting_northing_m, self.metric(dem))
 
 

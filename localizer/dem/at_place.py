@@ -50,7 +50,7 @@ def ground_elevation_m(dem: Dem, lat_deg: ArrayLike, lon_deg: ArrayLike) -> Floa
     --------
     >>> dem = localizer.load_dem("terrain.tif")
     >>> localizer.ground_elevation_m(dem, [37.25, 37.26], -122.15).round(1)
-    array([487.2, 431.7])
+    array([630., 462.])
     """
     return dem.ground_m(*lonlat_to_rowcol(dem, lon_deg, lat_deg))
 
@@ -110,7 +110,7 @@ def horizon(
     >>> eye_m = localizer.ground_elevation_m(dem, 37.25, -122.15) + 2.0
     >>> elevation_deg, distance_m = localizer.horizon(dem, 37.25, -122.15, eye_m, [0.0, 90.0, 180.0])
     >>> elevation_deg.round(2)
-    array([0., 0., 0.])
+    array([ 3.81,  6.66, 16.1 ])
     """
     lat, lon, eye_m = np.broadcast_arrays(
         *(np.asarray(values, np.float64) for values in (lat_deg, lon_deg, altitude_m))

@@ -70,6 +70,7 @@ def rowcol_to_metric(dem: Dem, row: ArrayLike, col: ArrayLike) -> tuple[Floats, 
     >>> dem = localizer.load_dem("terrain.tif")
     >>> easting_m, northing_m = localizer.rowcol_to_metric(dem, 400.0, [100.0, 101.0])
     >>> dem.metric_crs.name, easting_m.round(1)
+    ('WGS 84 / UTM zone 10N', array([566525.7, 566550.3]))
     """
     return xy_to_metric(dem, *rowcol_to_xy(dem, row, col))
 
@@ -107,7 +108,8 @@ def metric_to_rowcol(dem: Dem, easting_m: ArrayLike, northing_m: ArrayLike) -> t
     --------
     >>> dem = localizer.load_dem("terrain.tif")
     >>> row, col = localizer.metric_to_rowcol(dem, 570000.0, 4125000.0)
-    >>> row.round(1), col.round(1)
+    >>> print(row.round(1), col.round(1))
+    281.8 242.2
     """
     if dem.crs == dem.metric_crs:
         return xy_to_rowcol(dem, easting_m, northing_m)
@@ -135,7 +137,8 @@ def rowcol_to_lonlat(dem: Dem, row: ArrayLike, col: ArrayLike) -> tuple[Floats, 
     --------
     >>> dem = localizer.load_dem("terrain.tif")
     >>> lon_deg, lat_deg = localizer.rowcol_to_lonlat(dem, 0.0, 0.0)  # the centre of the north-western cell
-    >>> lon_deg.round(4), lat_deg.round(4)
+    >>> print(lon_deg.round(4), lat_deg.round(4))
+    -122.2778 37.3472
     """
     return _wrapped(*dem.to_lonlat_deg(*rowcol_to_xy(dem, row, col)))
 
@@ -162,8 +165,9 @@ def lonlat_to_rowcol(dem: Dem, lon_deg: ArrayLike, lat_deg: ArrayLike) -> tuple[
     Examples
     --------
     >>> dem = localizer.load_dem("terrain.tif")
-    >>> row, col = localizer.lonlat_to_rowcol(dem, -122.15, 37.25)
+    >>> row, col = localizer.lonlat_to_rowcol(dem, [-122.15, -122.14], 37.25)
     >>> row.round(1), col.round(1)
+    (array([350., 350.]), array([460., 496.]))
     """
     return xy_to_rowcol(dem, *dem.from_lonlat_deg(wrapped_deg(lon_deg), lat_deg))
 

@@ -179,6 +179,7 @@ def load_dem(
     --------
     >>> dem = localizer.load_dem("terrain.tif")
     >>> dem.z_m.shape, dem.crs.name
+    ((800, 800), 'WGS 84')
     """
     if isinstance(paths, str | PathLike):
         paths = [paths]
@@ -241,7 +242,8 @@ def dem_from_array(
     >>> from affine import Affine
     >>> z_m = 500.0 + np.add.outer(np.arange(50.0), np.arange(60.0))
     >>> dem = localizer.dem_from_array(z_m, Affine(30.0, 0.0, 560000.0, 0.0, -30.0, 5120000.0), "EPSG:32610")
-    >>> round(dem.spacing_ew_m, 2)
+    >>> dem.z_m.shape, round(dem.spacing_ew_m)
+    ((50, 60), 30)
     """
     if isinstance(crs, str):
         try:

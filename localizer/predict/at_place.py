@@ -109,7 +109,7 @@ def predict_skyline(
     >>> east = localizer.predict_skyline(dem, 37.25, -122.15, azimuth_deg=90.0, fov_deg=60.0)
     >>> highest = max(east.summits, key=lambda summit: summit.elevation_deg)
     >>> f"{highest.height_m:.0f} m high, {highest.distance_m / 1000:.1f} km away at {highest.azimuth_deg:.0f} deg"
-    ''
+    '806 m high, 1.1 km away at 101 deg'
     """
     if not (np.isfinite([lat_deg, lon_deg, azimuth_deg]).all() and 0.0 <= mast_height_m < np.inf):
         raise ValueError("lat_deg, lon_deg, azimuth_deg: should be finite; mast_height_m: not negative")

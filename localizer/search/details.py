@@ -17,6 +17,7 @@ class FrameDetail:
     """One frame's skylines, in pixels of the frame as recorded (pixel centres at whole numbers)."""
 
     label: str
+    """The frame's."""
     found_u_px: NDArray[np.float64]
     """(n,) columns in which a skyline was found in the image."""
     found_v_px: NDArray[np.float64]

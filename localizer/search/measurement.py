@@ -132,7 +132,7 @@ def observation_from_bundle(bundle: Bundle, skylines: Sequence[Skyline] | None =
     --------
     >>> observation = localizer.observation_from_bundle(localizer.load_bundle("bundles/first"))
     >>> [(frame.label, frame.v_px.shape) for frame in observation.frames]
-    []
+    [('N', (640,)), ('E', (640,)), ('S', (640,)), ('W', (640,))]
     """
     found = [frame_skyline(bundle, frame) for frame in bundle.frames] if skylines is None else list(skylines)
     if len(found) != len(bundle.frames):

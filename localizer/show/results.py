@@ -45,7 +45,7 @@ def save_report(
     Examples
     --------
     >>> dem, bundle = localizer.load_dem("terrain.tif"), localizer.load_bundle("bundles/first")
-    >>> localizer.save_report("report", localizer.locate(bundle, dem), bundle, dem)
+    >>> localizer.save_report("report", result, bundle, dem)  # the result of locate(bundle, dem)
     >>> sorted(file.name for file in Path("report").iterdir())
     ['candidates.geojson', 'fix.gpx', 'fix.kml', 'posterior.tif', 'report.html']
     """

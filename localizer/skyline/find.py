@@ -90,7 +90,7 @@ def find_skyline(image_bgr: NDArray[np.uint8]) -> Skyline:
     >>> skyline = localizer.find_skyline(image_bgr)
     >>> skyline.row_px.shape
     (640,)
-    >>> (skyline.state == localizer.ColumnState.OK).mean() > 0.9
+    >>> bool((skyline.state == localizer.ColumnState.OK).mean() > 0.9)
     True
     """
     if image_bgr.ndim != 3 or image_bgr.shape[2] != 3 or image_bgr.dtype != np.uint8:

@@ -238,6 +238,7 @@ def load_odometry(path: str | PathLike[str], legs: int | None = None) -> Odometr
     --------
     >>> for movement in localizer.load_odometry("legs.jsonl"):
     ...     print("unknown" if movement is None else movement.step_m.round())
+    [201.  -2.]
     """
     path = Path(path)
     try:
