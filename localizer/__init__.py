@@ -3,8 +3,8 @@
 >>> import localizer
 >>> dem = localizer.load_dem("terrain.tif")
 >>> skyline = localizer.predict_skyline(dem, 37.25, -122.15)
->>> highest = max(skyline.summits, key=lambda summit: summit.elevation_deg)
->>> f"{highest.elevation_deg:.1f} deg high, {highest.distance_m / 1000:.1f} km away"
+>>> f"from {skyline.elevation_deg.min():.1f} to {skyline.elevation_deg.max():.1f} deg above the horizontal"
+'from -1.9 to 19.4 deg above the horizontal'
 
 Names carry their units. Angles are degrees; azimuths are true, clockwise from north; latitudes and longitudes are WGS84.
 Altitudes are metres above the DEM's vertical datum. Arrays are numpy arrays; pixel centres lie at whole numbers.
