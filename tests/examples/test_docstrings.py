@@ -10,8 +10,6 @@ import pytest
 
 import localizer
 
-pytestmark = pytest.mark.long
-
 
 def _examples() -> Iterator[doctest.DocTest]:
     finder = doctest.DocTestFinder(recurse=False)
@@ -23,6 +21,7 @@ def _examples() -> Iterator[doctest.DocTest]:
 EXAMPLES = list(_examples())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: example.name)
 def test_the_example_in_a_docstring_gives_what_it_says(
     example: doctest.DocTest, in_drive: Path, result: localizer.LocateResult
