@@ -10,8 +10,8 @@ Names carry their units. Angles are degrees; azimuths are true, clockwise from n
 Altitudes are metres above the DEM's vertical datum. Arrays are numpy arrays; pixel centres lie at whole numbers.
 
 Elevations
-    `load_dem`, `dem_from_array`, `ground_elevation_m`, `horizon`, `predict_skyline`, and `lonlat_to_rowcol`,
-    `rowcol_to_lonlat`, `metric_to_rowcol`, `rowcol_to_metric` between coordinates and cells.
+    `load_dem`, `dem_from_array`, `dem_info`, `dem_notes`, `ground_elevation_m`, `horizon`, `predict_skyline`, and
+    `lonlat_to_rowcol`, `rowcol_to_lonlat`, `metric_to_rowcol`, `rowcol_to_metric` between coordinates and cells.
 Measurements
     `load_bundle`, `frame_image`, `find_skyline`, `observation_from_bundle`, or contours of your own as an `Observation`.
 Camera
@@ -19,8 +19,8 @@ Camera
 Search
     `locate`; `Tracker` for a drive; `Movement` and `load_odometry` for what lies between two stops.
 Results
-    `LocateResult`, `Fix`, `TrackStep`, `PredictedSkyline`; `save_report` writes files to look at; `load_truth` reads a
-    known position to compare with.
+    `LocateResult`, `Fix`, `TrackStep`, `PredictedSkyline`; `result_notes` says what to know beside a fix; `save_figure`
+    and `save_report` write files to look at; `load_truth` reads a known position to compare with.
 
 An expected failure, such as a file that cannot be read, raises `SkyfixError`; its message is one line. A wrong argument
 raises ``ValueError``.

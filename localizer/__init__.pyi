@@ -11,6 +11,7 @@ from .bundle import (
 from .camera import azimuth_elevation_deg, camera_to_world, pixel_rays, project
 from .dem.at_place import Horizon, ground_elevation_m, horizon
 from .dem.geodesy import lonlat_to_rowcol, metric_to_rowcol, rowcol_to_lonlat, rowcol_to_metric
+from .dem.info import DemInfo, dem_info, dem_notes
 from .dem.lattice import Dem, dem_from_array, load_dem
 from .dem.open import DemError
 from .errors import SkyfixError
@@ -20,7 +21,7 @@ from .predict.at_place import PredictedSkyline, predict_skyline
 from .predict.views import Standpoint, Summit
 from .search.details import FrameDetail, LocateDetails, LocateResult, SolvedErrors
 from .search.measurement import locate, observation_from_bundle
-from .show.results import save_report
+from .show.results import result_notes, save_figure, save_report
 from .skyline.find import ColumnState, Skyline, find_skyline
 from .track.document import TrackHypothesis
 from .track.odometry import Movement, OdometryError, load_odometry
@@ -37,6 +38,7 @@ __all__ = [
     "ColumnState",
     "Dem",
     "DemError",
+    "DemInfo",
     "ErrorEllipse",
     "Fix",
     "Frame",
@@ -68,6 +70,8 @@ __all__ = [
     "azimuth_elevation_deg",
     "camera_to_world",
     "dem_from_array",
+    "dem_info",
+    "dem_notes",
     "find_skyline",
     "frame_image",
     "ground_elevation_m",
@@ -83,7 +87,9 @@ __all__ = [
     "pixel_rays",
     "predict_skyline",
     "project",
+    "result_notes",
     "rowcol_to_lonlat",
     "rowcol_to_metric",
+    "save_figure",
     "save_report",
 ]
