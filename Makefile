@@ -10,7 +10,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: demo test test-all test-system evaluate lint format clean
+.PHONY: demo test test-all test-system examples notebook evaluate lint format clean
 
 demo: $(READY)
 	$(BIN)/sim demo --seed $(SEED) --out demo
@@ -26,6 +26,14 @@ test-all: $(READY)
 test-system: $(READY)
 	tests/system/packages
 	$(BIN)/pytest -n 3 --dist loadfile -m "system and not long"
+
+# The code in the documentation: docstrings, the guide, its notebook; and a typed program that uses the wheel.
+examples: $(READY)
+	$(BIN)/pytest -n 2 --dist loadfile -m "not system" tests/examples
+
+# The notebook anew, from the guide.
+notebook: $(READY)
+	$(BIN)/python docs/generate/notebook.py
 
 EVALUATE = $(BIN)/sim evaluate $(addprefix --dem ,$(DEMS)) --seed $(SEED) --jobs $(JOBS)
 SCENARIOS = $(sort $(basename $(notdir $(wildcard configs/scenarios/evaluate/*.toml))))

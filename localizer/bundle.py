@@ -8,6 +8,7 @@ import json
 import math
 import re
 from datetime import UTC, datetime
+from os import PathLike
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, Literal, Self, TypeAlias
 
@@ -124,7 +125,28 @@ def _known_focal_length(sigma_fraction: float) -> float:
 
 
 class Camera(_Part):
-    """Intrinsics as OpenCV has them; pixel centres at whole numbers."""
+    """A camera's intrinsics as OpenCV has them.
+
+    Attributes
+    ----------
+    width_px, height_px : int
+        Size of its pictures.
+    fx_px, fy_px : float
+        Focal lengths.
+    cx_px, cy_px : float
+        Principal point, pixel centres at whole numbers.
+    distortion : tuple of 5 float
+        k1, k2, p1, p2, k3.
+    model : str
+        ``perspective``, the only one supported.
+    focal_sigma_fraction : float
+        0: the focal lengths are known.
+
+    Examples
+    --------
+    >>> localizer.Camera(width_px=640, height_px=480, fx_px=492.8, fy_px=492.8, cx_px=319.5, cy_px=239.5).distortion
+    (0.0, 0.0, 0.0, 0.0, 0.0)
+    """
 
     width_px: PixelCount
     height_px: PixelCount
@@ -133,7 +155,6 @@ class Camera(_Part):
     cx_px: float
     cy_px: float
     distortion: tuple[Distortion, Distortion, Distortion, Distortion, Distortion] = (0.0, 0.0, 0.0, 0.0, 0.0)
-    """k1, k2, p1, p2, k3."""
     model: Annotated[str, AfterValidator(_perspective)] = PERSPECTIVE
     focal_sigma_fraction: Annotated[float, AfterValidator(_known_focal_length)] = 0.0
 
@@ -160,18 +181,43 @@ class Camera(_Part):
 
 
 class Altitude(_Part):
-    """Altitude of the optical centre above the DEM's vertical datum."""
+    """Altitude of the optical centre above the DEM's vertical datum.
+
+    Attributes
+    ----------
+    value_m : float
+        As the altimeter gave it.
+    sigma_m : float
+        One standard deviation.
+    """
 
     value_m: Elevation
     sigma_m: Annotated[float, Field(ge=0.0, le=1e4)]
 
 
 class Frame(_Part):
-    """One picture and where the camera pointed. The sigmas are independent from frame to frame."""
+    """One picture and where the camera pointed. The sigmas are independent from frame to frame.
+
+    Attributes
+    ----------
+    label : str
+        Names the frame, as ``N``.
+    file : str
+        Path of the picture relative to the bundle's directory.
+    sha256 : str
+        Checksum of the picture's file.
+    time : datetime
+        UTC.
+    azimuth_deg, azimuth_sigma_deg : float
+        True azimuth of the optical axis.
+    tilt_deg, tilt_sigma_deg : float
+        Angle of the optical axis above the horizontal.
+    roll_deg, roll_sigma_deg : float
+        Positive when the camera is turned clockwise, seen from behind it.
+    """
 
     label: Label
     file: InsidePath
-    """Path of the picture relative to the bundle's directory."""
     sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
     time: UtcTime
     azimuth_deg: Azimuth
@@ -183,7 +229,15 @@ class Frame(_Part):
 
 
 class Prior(_Part):
-    """A rough place that is known beforehand; absent in the ordinary case."""
+    """A circle within which the camera is known to be; absent in the ordinary case.
+
+    Attributes
+    ----------
+    lat_deg, lon_deg : float
+        Its centre, WGS84.
+    radius_m : float
+        On the ground.
+    """
 
     lat_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
     lon_deg: Annotated[float, Field(ge=-360.0, le=360.0)]
@@ -191,7 +245,33 @@ class Prior(_Part):
 
 
 class Bundle(_Part):
-    """One measurement: the pictures that a rig took at one place, with calibrated readings."""
+    """One measurement: the pictures that a rig took at one place, with calibrated readings (``skyfix.bundle/1``).
+
+    Attributes
+    ----------
+    id : str
+        Its name, and that of its directory.
+    created : datetime
+        UTC.
+    camera : Camera
+        Intrinsics of all frames.
+    mast_height_m : float
+        Height of the optical centre above the ground.
+    altitude : Altitude or None
+        None without an altimeter.
+    azimuth_bias_sigma_deg : float
+        One standard deviation of the azimuth error common to all frames; 180 without a compass.
+    tilt_bias_sigma_deg : float
+        The same of the tilt.
+    frames : tuple of Frame
+        In any directions.
+    prior : Prior or None
+        Where the camera is known to be.
+
+    See Also
+    --------
+    load_bundle : Reads one.
+    """
 
     schema_name: Literal["skyfix.bundle/1"] = Field(default="skyfix.bundle/1", alias="schema")
     id: BundleId
@@ -199,9 +279,7 @@ class Bundle(_Part):
     camera: Camera
     mast_height_m: Annotated[float, Field(ge=0.0, le=1000.0)]
     altitude: Altitude | None
-    """None: there was no altimeter."""
     azimuth_bias_sigma_deg: AngleSigma
-    """Of the error common to all frames; 180: there was no compass."""
     tilt_bias_sigma_deg: AngleSigma
     frames: Annotated[tuple[Frame, ...], Field(min_length=1, max_length=MOST_FRAMES)]
     prior: Prior | None = None
@@ -233,10 +311,29 @@ class Bundle(_Part):
         return json.dumps(fields, indent=2, allow_nan=False) + "\n"
 
 
-def load_bundle(path: Path) -> Bundle:
-    """Read the bundle in directory ``path`` and check all of it, the pictures included.
+def load_bundle(path: str | PathLike[str]) -> Bundle:
+    """Read a bundle and check all of it, the pictures included.
 
-    Raises ``BundleError`` that names the file and the field.
+    Parameters
+    ----------
+    path : path-like
+        Its directory.
+
+    Returns
+    -------
+    Bundle
+        The measurement. The pictures stay on disk, see `frame_image`.
+
+    Raises
+    ------
+    BundleError
+        Something is missing, damaged or out of range; names the file and the field.
+
+    Examples
+    --------
+    >>> bundle = localizer.load_bundle("bundles/first")
+    >>> [frame.label for frame in bundle.frames]
+    ['N', 'E', 'S', 'W']
     """
     path = Path(path)
     if not path.is_dir():
@@ -266,10 +363,31 @@ def load_bundle(path: Path) -> Bundle:
 
 
 def frame_image(bundle: Bundle, frame: Frame) -> NDArray[np.uint8]:
-    """The picture of ``frame``: BGR, (height_px, width_px, 3), as stored; for its orientation tag see ``decode_picture``.
+    """Read the picture of a frame.
 
-    Raises ``BundleError`` if the file is missing, leads outside the bundle, differs from its checksum, is no
-    picture or has another size than the camera.
+    Parameters
+    ----------
+    bundle : Bundle
+        As `load_bundle` returned it.
+    frame : Frame
+        One of its frames.
+
+    Returns
+    -------
+    ndarray of uint8, shape (height_px, width_px, 3)
+        Blue, green, red, as recorded.
+
+    Raises
+    ------
+    BundleError
+        The file is missing, leads outside the bundle, differs from its checksum, is no picture, or has another size than the
+        camera.
+
+    Examples
+    --------
+    >>> bundle = localizer.load_bundle("bundles/first")
+    >>> localizer.frame_image(bundle, bundle.frames[0]).shape
+    (480, 640, 3)
     """
     place = f"{bundle.directory / FILE_NAME}: frames[{frame.label}]"
     content = _content(bundle.directory, frame.file, f"{place}.file")

@@ -28,7 +28,29 @@ class Intrinsics(Protocol):
 
 
 def camera_to_world(azimuth_deg: float, tilt_deg: float, roll_deg: float) -> Floats:
-    """Rotation (3, 3) whose columns are the camera's axes x, y, z in east, north, up (contract, "camera to world")."""
+    """Make the rotation from camera axes to east, north, up.
+
+    Parameters
+    ----------
+    azimuth_deg : float
+        True azimuth of the optical axis.
+    tilt_deg : float
+        Angle of the optical axis above the horizontal.
+    roll_deg : float
+        Positive when the camera is turned clockwise, seen from behind it.
+
+    Returns
+    -------
+    ndarray of float, shape (3, 3)
+        Its columns are the camera's axes x (right), y (down), z (forward).
+
+    Examples
+    --------
+    >>> localizer.camera_to_world(90.0, 0.0, 0.0).round() + 0.0
+    array([[ 0.,  0.,  1.],
+           [-1.,  0.,  0.],
+           [ 0., -1.,  0.]])
+    """
     a, t, r = np.radians([azimuth_deg, tilt_deg, roll_deg])
     sin_a, cos_a, sin_t, cos_t, sin_r, cos_r = (
         np.sin(a),
@@ -47,7 +69,27 @@ def camera_to_world(azimuth_deg: float, tilt_deg: float, roll_deg: float) -> Flo
 
 
 def pixel_rays(camera: Intrinsics, u_px: ArrayLike, v_px: ArrayLike) -> Floats:
-    """Unit vectors (n, 3) in the camera frame of the pixels (u, v), lens distortion removed."""
+    """Compute the rays of pixels, lens distortion removed.
+
+    Parameters
+    ----------
+    camera : Camera
+        Any object with ``fx_px``, ``fy_px``, ``cx_px``, ``cy_px`` and ``distortion``, as OpenCV has them.
+    u_px, v_px : array_like of float
+        Column and row of n pixels, centres at whole numbers.
+
+    Returns
+    -------
+    ndarray of float, shape (n, 3)
+        Unit vectors in the camera frame: x right, y down, z forward.
+
+    Examples
+    --------
+    >>> camera = localizer.load_bundle("bundles/first").camera
+    >>> rays = localizer.pixel_rays(camera, [camera.cx_px], [camera.cy_px])
+    >>> (rays @ localizer.camera_to_world(90.0, 0.0, 0.0).T).round(6)  # east, north, up
+    array([[1., 0., 0.]])
+    """
     points = np.stack(np.broadcast_arrays(np.asarray(u_px, float), np.asarray(v_px, float)), axis=-1).reshape(
         -1, 1, 2
     )
@@ -62,7 +104,30 @@ def pixel_rays(camera: Intrinsics, u_px: ArrayLike, v_px: ArrayLike) -> Floats:
 def project(
     camera: Intrinsics, rotation: Floats, azimuth_deg: ArrayLike, elevation_deg: ArrayLike
 ) -> tuple[Floats, Floats]:
-    """Pixels (u, v) at which a camera with this camera-to-world rotation sees the directions; NaN behind the camera."""
+    """Project directions into a camera's picture.
+
+    Parameters
+    ----------
+    camera : Camera
+        Any object with ``fx_px``, ``fy_px``, ``cx_px``, ``cy_px`` and ``distortion``, as OpenCV has them.
+    rotation : ndarray of float, shape (3, 3)
+        Camera to world, see `camera_to_world`.
+    azimuth_deg, elevation_deg : array_like of float, shape (n,)
+        Directions: true azimuth and angle above the horizontal.
+
+    Returns
+    -------
+    u_px, v_px : ndarray of float, shape (n,)
+        Column and row, distorted pixels; also beyond the picture's edge. NaN for directions behind the camera.
+
+    Examples
+    --------
+    >>> camera = localizer.load_bundle("bundles/first").camera
+    >>> rotation = localizer.camera_to_world(90.0, 5.0, 0.0)
+    >>> u_px, v_px = localizer.project(camera, rotation, [90.0, 270.0], [5.0, 0.0])
+    >>> u_px.round(1), v_px.round(1)
+    (array([319.5,   nan]), array([239.5,   nan]))
+    """
     world = direction_vectors(np.asarray(azimuth_deg, float), np.asarray(elevation_deg, float))
     in_camera = world @ rotation
     ahead = in_camera[:, 2] > 0.05
@@ -99,7 +164,26 @@ def direction_vectors(azimuth_deg: Floats, elevation_deg: Floats) -> Floats:
 
 
 def azimuth_elevation_deg(vectors: Floats) -> tuple[Floats, Floats]:
-    """Azimuth (0 to 360) and elevation in degrees of vectors (n, 3) in east, north, up."""
+    """Compute the directions of vectors.
+
+    Parameters
+    ----------
+    vectors : ndarray of float, shape (n, 3)
+        In east, north, up, of any length.
+
+    Returns
+    -------
+    azimuth_deg : ndarray of float, shape (n,)
+        Clockwise from north, 0 to 360.
+    elevation_deg : ndarray of float, shape (n,)
+        Above the horizontal.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> localizer.azimuth_elevation_deg(np.array([[1.0, 0.0, 0.0], [0.0, 2.0, 2.0]]))
+    (array([90.,  0.]), array([ 0., 45.]))
+    """
     azimuth = np.degrees(np.arctan2(vectors[:, 0], vectors[:, 1])) % 360.0
     elevation = np.degrees(np.arctan2(vectors[:, 2], np.hypot(vectors[:, 0], vectors[:, 1])))
     return azimuth, elevation

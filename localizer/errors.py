@@ -4,7 +4,10 @@
 class SkyfixError(Exception):
     """An expected failure. Its message is one line: what is wrong, where, and what to do.
 
-    ``exit_status`` is what a command ends with when the error reaches it: 2, bad input, unless a subclass says otherwise.
+    Attributes
+    ----------
+    exit_status : int
+        What a command ends with when the error reaches it: 2, bad input, unless a subclass says otherwise.
     """
 
     exit_status: int = 2

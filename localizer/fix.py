@@ -21,14 +21,27 @@ class _Part(BaseModel):
 
 
 class Position(_Part):
-    """A place: in a metric CRS, on WGS84, and in the DEM's own grid (cell centres at whole numbers)."""
+    """A place in a metric CRS, on WGS84, and in the DEM's own grid.
+
+    Attributes
+    ----------
+    easting_m, northing_m : float
+        In ``crs``.
+    crs : str
+        The DEM's own CRS if it is projected in metres, else the WGS84 UTM zone of its centre, as ``EPSG:32610``.
+    lat_deg, lon_deg : float
+        WGS84, -180 <= lon_deg < 180.
+    ground_m : float
+        Elevation of the ground above the DEM's vertical datum.
+    row, col : float
+        In the DEM's cells, centres at whole numbers.
+    """
 
     easting_m: float
     northing_m: float
     crs: str
     lat_deg: float
     lon_deg: Annotated[float, AfterValidator(wrapped_lon_deg)]
-    """-180 <= lon < 180."""
     ground_m: float
     row: float
     col: float
@@ -40,7 +53,17 @@ class Position(_Part):
 
 
 class Candidate(_Part):
-    """One of the places that the images fit. ``rms_px``: of all frames together, the biases solved for."""
+    """One of the places that the pictures fit.
+
+    Attributes
+    ----------
+    easting_m, northing_m : float
+        In the CRS of the fix.
+    probability : float
+        That it is the place.
+    rms_px : float
+        Root mean square of found minus predicted skyline over all frames, the biases solved for.
+    """
 
     easting_m: float
     northing_m: float
@@ -49,19 +72,36 @@ class Candidate(_Part):
 
 
 class Stage1Counts(_Part):
-    """The funnel of stage 1, as in the columns of the paper's Table I."""
+    """How many cells stage 1 of the search left, as in Table I of Talluri and Aggarwal (1992).
+
+    Attributes
+    ----------
+    cells : int
+        Cells of the DEM that have an elevation.
+    after_altitude : int
+        Cells left after the altitude.
+    after : dict of str to int
+        Cells left after each direction, by the frame's label, in the order searched.
+    points_explored : int
+        POINTs (the paper's term) visited in all directions together.
+    """
 
     cells: int
-    """Cells of the DEM that have an elevation."""
     after_altitude: int
     after: dict[str, int]
-    """Cells left after each direction, by the frame's label, in the order searched."""
     points_explored: int
-    """POINTs visited in all directions together."""
 
 
 class Nuisance(_Part):
-    """The errors common to all frames, solved for with the position: reading minus truth."""
+    """The errors common to all frames, solved for with the position: reading minus truth.
+
+    Attributes
+    ----------
+    azimuth_bias_deg, tilt_bias_deg : float
+        Of the camera's angles.
+    altitude_bias_m : float
+        Of the altimeter; 0 without one.
+    """
 
     azimuth_bias_deg: float
     tilt_bias_deg: float
@@ -80,30 +120,74 @@ ReasonCode = Literal[
 
 
 class Reason(_Part):
-    """Why a result is no fix: ``text`` is one sentence for people, with what would help."""
+    """Why a result is no fix.
+
+    Attributes
+    ----------
+    code : str
+        ``several_places``, ``too_little_skyline``, ``contradicted``, ``dem_error``, ``outside``, ``unknown_datum`` or
+        ``no_ground_at_altitude``.
+    text : str
+        One sentence for people, with what would help.
+    """
 
     code: ReasonCode
     text: Annotated[str, Field(min_length=1)]
 
 
 class Fix(_Part):
-    """The result of a search. ``position`` and ``covariance_m2`` are null where ``status`` is "none"."""
+    """The result of a search, ``skyfix.fix/1``.
+
+    Attributes
+    ----------
+    bundle : str
+        The bundle's id.
+    status : str
+        ``"fix"``: one place stands out. ``"ambiguous"``: several do; all are in ``candidates``. ``"none"``: the terrain
+        explains the pictures nowhere.
+    position : Position or None
+        The most probable place; None where there is none.
+    covariance_m2 : tuple, 2 x 2, or None
+        Of easting and northing, along the map's axes, square metres on the ground.
+    probability : float
+        Of the position.
+    elsewhere : float
+        Probability of all places that are not among ``candidates``, those that were not compared included.
+    reason : Reason or None
+        Why it is no fix; None for one.
+    candidates : tuple of Candidate
+        The places that could be it, the most probable first.
+    stage1 : Stage1Counts
+        How many cells stage 1 left.
+    residual : dict of str to float
+        Root mean square of found minus predicted skyline in pixels, by the frame's label.
+    nuisance : Nuisance or None
+        Errors common to all frames; None without a position.
+    timing_s : dict of str to float
+        Seconds taken by the parts of the search.
+
+    Examples
+    --------
+    >>> fix = result.fix  # of locate
+    >>> fix.status, fix.position.crs
+    ('fix', 'EPSG:32610')
+    >>> localizer.Fix.model_validate_json(fix.to_json()) == fix  # JSON is what localizer locate --json prints
+    True
+    >>> fix.error_ellipse().semi_major_m < 5.0
+    True
+    """
 
     schema_name: Literal["skyfix.fix/1"] = Field(default="skyfix.fix/1", alias="schema")
     bundle: str
     status: Status
     position: Position | None
     covariance_m2: tuple[tuple[float, float], tuple[float, float]] | None
-    """Of easting and northing: along the map's axes, in metres of the ground."""
     probability: Probability
     elsewhere: Probability = 0.0
-    """Of all places that are not among ``candidates``, those that were not compared included."""
     reason: Reason | None = None
-    """None for a fix."""
     candidates: tuple[Candidate, ...]
     stage1: Stage1Counts
     residual: dict[str, float]
-    """Root mean square of found minus predicted skyline, pixels, by the frame's label."""
     nuisance: Nuisance | None
     timing_s: dict[str, float]
 
@@ -118,12 +202,56 @@ class Fix(_Part):
         """The exit status of ``localizer locate`` for this result."""
         return EXIT_STATUS[self.status]
 
+    def error_ellipse(self, confidence: float = 0.95) -> "ErrorEllipse":
+        """Compute the ellipse that holds the true position with a probability.
+
+        Parameters
+        ----------
+        confidence : float, optional
+            The probability, between 0 and 1; 0.393 gives one standard deviation along each axis.
+
+        Returns
+        -------
+        ErrorEllipse
+            Its semi-axes and direction, from ``covariance_m2``.
+
+        Raises
+        ------
+        ValueError
+            There is no position, or the confidence is out of range.
+        """
+        if self.covariance_m2 is None:
+            raise ValueError("a result without a position has no ellipse; look at the status first")
+        if not 0.0 < confidence < 1.0:
+            raise ValueError(f"confidence: is {confidence:g}; should be between 0 and 1")
+        one_sigma = ellipse(self.covariance_m2)
+        sigmas = float(np.sqrt(-2.0 * np.log1p(-confidence)))  # chi-square quantile for two dimensions
+        return ErrorEllipse(
+            sigmas * one_sigma.major_m, sigmas * one_sigma.minor_m, one_sigma.grid_azimuth_deg
+        )
+
     def to_json(self) -> str:
         """The fix as one JSON object on one line."""
         return self.model_dump_json(by_alias=True)
 
 
 Covariance = tuple[tuple[float, float], tuple[float, float]]
+
+
+class ErrorEllipse(NamedTuple):
+    """An ellipse around a position.
+
+    Attributes
+    ----------
+    semi_major_m, semi_minor_m : float
+        Half the lengths of its axes, metres on the ground.
+    grid_azimuth_deg : float
+        Direction of the major axis, clockwise from the map's north, 0 to 180.
+    """
+
+    semi_major_m: float
+    semi_minor_m: float
+    grid_azimuth_deg: float
 
 
 class EllipseAxes(NamedTuple):

@@ -16,13 +16,41 @@ NO_COMPASS_SIGMA_DEG = 180.0
 
 @dataclass(frozen=True)
 class FrameObservation:
-    """The skyline in one frame.
+    """The skyline in one frame, and how well the frame's attitude is known.
 
-    ``u_px``, ``v_px``, ``sigma_px``: arrays (n,) of contour points in raw (distorted) pixels and their standard deviations
-    across the contour. Angles are the camera's as the sensors gave them; their sigmas are independent in each frame.
+    Angles are the camera's as the sensors gave them; sigmas are one standard deviation, independent in each frame.
 
-    Raises:
-        ValueError: the arrays differ in length, a number is not finite, a point has no positive sigma, an angle a negative one.
+    Attributes
+    ----------
+    label : str
+        Names the frame, as ``N``.
+    camera : Camera
+        Its intrinsics; any object with ``fx_px``, ``fy_px``, ``cx_px``, ``cy_px`` and ``distortion`` will do.
+    azimuth_deg, azimuth_sigma_deg : float
+        True azimuth of the optical axis.
+    tilt_deg, tilt_sigma_deg : float
+        Angle of the optical axis above the horizontal.
+    roll_deg, roll_sigma_deg : float
+        Positive when the camera is turned clockwise, seen from behind it.
+    u_px, v_px : ndarray of float, shape (n,)
+        Column and row of the contour's points, distorted pixels, centres at whole numbers.
+    sigma_px : ndarray of float, shape (n,)
+        Of each point, across the contour.
+
+    Raises
+    ------
+    ValueError
+        The arrays differ in length, a number is not finite, a point has no positive sigma, or an angle a negative one.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> camera = localizer.Camera(width_px=640, height_px=480, fx_px=492.8, fy_px=492.8, cx_px=319.5, cy_px=239.5)
+    >>> frame = localizer.FrameObservation(
+    ...     label="N", camera=camera, azimuth_deg=0.1, azimuth_sigma_deg=0.1, tilt_deg=5.0, tilt_sigma_deg=0.01,
+    ...     roll_deg=0.0, roll_sigma_deg=0.02,
+    ...     u_px=np.arange(640.0), v_px=np.full(640, 200.0), sigma_px=np.full(640, 0.5),
+    ... )
     """
 
     label: str
@@ -51,7 +79,15 @@ class FrameObservation:
 
 @dataclass(frozen=True)
 class PriorCircle:
-    """Where the camera is known to be: within ``radius_m`` of a place (WGS84)."""
+    """A circle within which the camera is known to be.
+
+    Attributes
+    ----------
+    lat_deg, lon_deg : float
+        Its centre, WGS84.
+    radius_m : float
+        On the ground.
+    """
 
     lat_deg: float
     lon_deg: float
@@ -62,10 +98,35 @@ class PriorCircle:
 class Observation:
     """All frames from one standpoint, with the errors that they share.
 
-    ``altitude_m`` is that of the optical centre above the DEM's datum, None without an altimeter.
+    Attributes
+    ----------
+    frames : tuple of FrameObservation
+        In any directions.
+    mast_height_m : float
+        Height of the optical centre above the ground.
+    altitude_m : float or None
+        Of the optical centre above the DEM's vertical datum; None without an altimeter.
+    altitude_sigma_m : float
+        One standard deviation; of no account without an altimeter.
+    azimuth_bias_sigma_deg, tilt_bias_sigma_deg : float
+        One standard deviation of the errors common to all frames; 180 for the azimuth without a compass.
+    prior : PriorCircle or None
+        Where the camera is known to be; None in the ordinary case.
 
-    Raises:
-        ValueError: the altitude has no positive sigma, or a bias a negative one.
+    Raises
+    ------
+    ValueError
+        The altitude has no positive sigma, or a bias a negative one.
+
+    See Also
+    --------
+    observation_from_bundle : Makes one from a bundle.
+
+    Examples
+    --------
+    >>> import dataclasses
+    >>> observation = localizer.observation_from_bundle(localizer.load_bundle("bundles/first"))
+    >>> without_compass = dataclasses.replace(observation, azimuth_bias_sigma_deg=180.0)
     """
 
     frames: tuple[FrameObservation, ...]

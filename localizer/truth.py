@@ -1,5 +1,6 @@
 """Where the camera really stood, as a simulation or a survey says it."""
 
+from os import PathLike
 from pathlib import Path
 from typing import Annotated
 
@@ -22,7 +23,15 @@ FARTHEST_M = 1e8
 
 
 class Truth(BaseModel):
-    """Where the camera really stood, as a simulation or a survey says it."""
+    """Where the camera really stood, as a simulation or a survey says it.
+
+    Attributes
+    ----------
+    easting_m, northing_m : float
+        In ``crs``.
+    crs : str
+        A projected coordinate reference system, as pyproj understands it.
+    """
 
     model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
 
@@ -42,7 +51,20 @@ class Truth(BaseModel):
         return float(easting_m), float(northing_m)
 
     def distance_m(self, position: Position, dem: Dem) -> float:
-        """How far on the ground the position found lies from the true one."""
+        """Measure how far on the ground a position lies from the true one.
+
+        Parameters
+        ----------
+        position : Position
+            As a fix has it.
+        dem : Dem
+            The elevation model that was searched.
+
+        Returns
+        -------
+        float
+            Metres.
+        """
         return ground_distance_m(dem.metric_crs, position.easting_northing_m, self.metric(dem))
 
 
@@ -51,8 +73,31 @@ def _in_short(text: str) -> str:
     return "".join(letter if letter.isprintable() else " " for letter in text[:200])
 
 
-def load_truth(path: Path) -> Truth:
-    """Read a JSON file with easting_m, northing_m and crs. Raises ``SkyfixError``."""
+def load_truth(path: str | PathLike[str]) -> Truth:
+    """Read a known position, to compare a result with.
+
+    Parameters
+    ----------
+    path : path-like
+        JSON file with ``easting_m``, ``northing_m`` and ``crs``. The simulator writes such files.
+
+    Returns
+    -------
+    Truth
+        The position.
+
+    Raises
+    ------
+    SkyfixError
+        The file cannot be read, or holds something else.
+
+    Examples
+    --------
+    >>> truth = localizer.load_truth("truth.json")
+    >>> truth.crs
+    'EPSG:32610'
+    """
+    path = Path(path)
     try:
         truth = Truth.model_validate_json(json_text(read_file(path, MOST_JSON_BYTES)))
         crs = CRS.from_user_input(truth.crs)

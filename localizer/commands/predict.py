@@ -108,7 +108,10 @@ def predict(
         raise SkyfixError("--fov-deg: the camera has a width of its own; give one of --camera and --fov-deg")
     camera = lens.load_camera(camera_path) if camera_path is not None else None
     dem = chosen_dem.load_to_search("localizer")
-    place = standpoint(dem, lat_deg, lon_deg, mast_height_m)
+    try:
+        place = standpoint(dem, lat_deg, lon_deg, mast_height_m)
+    except SkyfixError as error:
+        raise SkyfixError(f"--at: {error}") from None
 
     from localizer.dem.horizon import prepare_terrain
 

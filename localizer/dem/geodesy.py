@@ -51,7 +51,27 @@ def xy_to_rowcol(dem: Dem, x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
 
 
 def rowcol_to_metric(dem: Dem, row: ArrayLike, col: ArrayLike) -> tuple[Floats, Floats]:
-    """Easting, northing in ``dem.metric_crs``."""
+    """Turn positions in the DEM's cells into map coordinates.
+
+    Parameters
+    ----------
+    dem : Dem
+        The elevation model.
+    row, col : array_like of float
+        Cell centres at whole numbers.
+
+    Returns
+    -------
+    easting_m, northing_m : ndarray of float
+        In ``dem.metric_crs``.
+
+    Examples
+    --------
+    >>> dem = localizer.load_dem("terrain.tif")
+    >>> easting_m, northing_m = localizer.rowcol_to_metric(dem, 400.0, [100.0, 101.0])
+    >>> dem.metric_crs.name, easting_m.round(1)
+    ('WGS 84 / UTM zone 10N', array([566525.7, 566550.3]))
+    """
     return xy_to_metric(dem, *rowcol_to_xy(dem, row, col))
 
 
@@ -70,7 +90,27 @@ def metric_to_lonlat(dem: Dem, easting_m: ArrayLike, northing_m: ArrayLike) -> t
 
 
 def metric_to_rowcol(dem: Dem, easting_m: ArrayLike, northing_m: ArrayLike) -> tuple[Floats, Floats]:
-    """Row, col of coordinates in ``dem.metric_crs``."""
+    """Turn map coordinates into positions in the DEM's cells.
+
+    Parameters
+    ----------
+    dem : Dem
+        The elevation model.
+    easting_m, northing_m : array_like of float
+        In ``dem.metric_crs``.
+
+    Returns
+    -------
+    row, col : ndarray of float
+        Cell centres at whole numbers; also beyond the DEM's edge.
+
+    Examples
+    --------
+    >>> dem = localizer.load_dem("terrain.tif")
+    >>> row, col = localizer.metric_to_rowcol(dem, 570000.0, 4125000.0)
+    >>> print(row.round(1), col.round(1))
+    281.8 242.2
+    """
     if dem.crs == dem.metric_crs:
         return xy_to_rowcol(dem, easting_m, northing_m)
     return xy_to_rowcol(
@@ -79,7 +119,27 @@ def metric_to_rowcol(dem: Dem, easting_m: ArrayLike, northing_m: ArrayLike) -> t
 
 
 def rowcol_to_lonlat(dem: Dem, row: ArrayLike, col: ArrayLike) -> tuple[Floats, Floats]:
-    """Longitude, -180 <= lon < 180 whatever the DEM's own are, and latitude in degrees, WGS84."""
+    """Turn positions in the DEM's cells into longitude and latitude.
+
+    Parameters
+    ----------
+    dem : Dem
+        The elevation model.
+    row, col : array_like of float
+        Cell centres at whole numbers.
+
+    Returns
+    -------
+    lon_deg, lat_deg : ndarray of float
+        WGS84, -180 <= lon_deg < 180 whatever the DEM's own are.
+
+    Examples
+    --------
+    >>> dem = localizer.load_dem("terrain.tif")
+    >>> lon_deg, lat_deg = localizer.rowcol_to_lonlat(dem, 0.0, 0.0)  # the centre of the north-western cell
+    >>> print(lon_deg.round(4), lat_deg.round(4))
+    -122.2778 37.3472
+    """
     return _wrapped(*dem.to_lonlat_deg(*rowcol_to_xy(dem, row, col)))
 
 
@@ -88,7 +148,27 @@ def _wrapped(lon_deg: Floats, lat_deg: Floats) -> tuple[Floats, Floats]:
 
 
 def lonlat_to_rowcol(dem: Dem, lon_deg: ArrayLike, lat_deg: ArrayLike) -> tuple[Floats, Floats]:
-    """Row, col of WGS84 longitudes, off by whole turns or not, and latitudes."""
+    """Turn longitude and latitude into positions in the DEM's cells.
+
+    Parameters
+    ----------
+    dem : Dem
+        The elevation model.
+    lon_deg, lat_deg : array_like of float
+        WGS84; longitudes may be off by whole turns.
+
+    Returns
+    -------
+    row, col : ndarray of float
+        Cell centres at whole numbers; also beyond the DEM's edge.
+
+    Examples
+    --------
+    >>> dem = localizer.load_dem("terrain.tif")
+    >>> row, col = localizer.lonlat_to_rowcol(dem, [-122.15, -122.14], 37.25)
+    >>> row.round(1), col.round(1)
+    (array([350., 350.]), array([460., 496.]))
+    """
     return xy_to_rowcol(dem, *dem.from_lonlat_deg(wrapped_deg(lon_deg), lat_deg))
 
 

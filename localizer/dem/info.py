@@ -32,7 +32,42 @@ class Bounds:
 
 @dataclass(frozen=True)
 class DemInfo:
-    """Facts about a DEM; its files' own are in ``Dem.files``."""
+    """Properties of a DEM; what `dem_info` returns.
+
+    Attributes
+    ----------
+    rows, cols : int
+        Of the grid.
+    spacing_ns_m, spacing_ew_m : float
+        Metres from row to row and from column to column, at the centre.
+    crs, crs_name : str
+        Horizontal CRS of the grid: its code where it has one, and its name.
+    metric_crs : str
+        CRS that positions are given in.
+    bounds : Bounds
+        South, west, north and east of the outer edges, WGS84 degrees.
+    lowest_m, highest_m : float
+        Elevations.
+    voids_percent : float
+        Share of the cells without an elevation.
+    convergence_deg : tuple of float
+        Smallest and largest direction of the metric CRS's grid north, clockwise from true north.
+    declination_deg : float or None
+        Magnetic north clockwise from true north at the centre, by the World Magnetic Model; None where that does not cover the
+        date.
+    declination_date : str
+        ISO 8601.
+    suspect_zeros : int
+        Cells of 0 far below all others, which may be voids.
+    datum_known : bool
+        Whether there is an operation from the CRS's datum to WGS84.
+    wgs84_operation : str
+        Its name.
+    wgs84_accuracy_m : float
+        One standard deviation that it adds to WGS84 positions.
+    vertical_datum : str
+        Vertical datum and conversion, in words.
+    """
 
     rows: int
     cols: int
@@ -46,24 +81,42 @@ class DemInfo:
     highest_m: float
     voids_percent: float
     convergence_deg: tuple[float, float]
-    """Smallest and largest: direction of the metric CRS's grid north, clockwise from true north."""
     declination_deg: float | None
-    """Magnetic minus true north at the centre; None where the World Magnetic Model does not cover the date."""
     declination_date: str
     suspect_zeros: int
-    """Cells of 0 that look like voids (see ``suspect_zeros``)."""
     datum_known: bool
-    """Whether there is an operation from the CRS's datum to WGS84."""
     wgs84_operation: str
-    """Its name."""
     wgs84_accuracy_m: float
-    """One standard deviation that it adds to WGS84 positions."""
     vertical_datum: str
-    """What the elevations count from, and what was done about it."""
 
 
-def dem_info(dem: Dem, date: datetime.date) -> DemInfo:
-    """Look at all of a DEM."""
+def dem_info(dem: Dem, date: datetime.date | None = None) -> DemInfo:
+    """Compute the properties of a DEM.
+
+    Parameters
+    ----------
+    dem : Dem
+        The elevation model.
+    date : datetime.date, optional
+        Date of the magnetic declination; today, UTC, unless given.
+
+    Returns
+    -------
+    DemInfo
+        Grid, CRS, extent, elevations, voids, norths and datums.
+
+    See Also
+    --------
+    dem_notes : What to take care of.
+
+    Examples
+    --------
+    >>> info = localizer.dem_info(localizer.load_dem("terrain.tif"))
+    >>> info.crs, info.metric_crs, info.voids_percent
+    ('EPSG:4326', 'EPSG:32610', 0.0)
+    """
+    if date is None:
+        date = datetime.datetime.now(datetime.UTC).date()
     row, col = np.linspace(-0.5, dem.rows - 0.5, 9), np.linspace(-0.5, dem.cols - 0.5, 9)
     rows, cols = np.meshgrid(row, col)
     centre_lon_deg, centre_lat_deg = (float(value) for value in rowcol_to_lonlat(dem, row[4], col[4]))
@@ -153,7 +206,23 @@ def info_text(dem: Dem, info: DemInfo) -> str:
 
 
 def dem_notes(dem: Dem) -> list[str]:
-    """What whoever searches in a DEM should know of it, one line each."""
+    """Say what to take care of when a DEM is searched.
+
+    Parameters
+    ----------
+    dem : Dem
+        The elevation model.
+
+    Returns
+    -------
+    list of str
+        One line each: zeros that may be voids, an unknown datum, options that overrule the file. Empty in the ordinary case.
+
+    Examples
+    --------
+    >>> localizer.dem_notes(localizer.load_dem("terrain.tif"))
+    []
+    """
     zeros = suspect_zeros(dem.z_m)
     overruled = [note for file in dem.files for note in file.overruled]
     notes = overruled + list(dem.joined_notes) + ([zeros_note(zeros)] if zeros else [])

@@ -7,12 +7,14 @@ at (row, col) lies at ``transform @ (col + 0.5, row + 0.5)`` be the file's pixel
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from os import PathLike
 from pathlib import Path
 
 import numpy as np
 from affine import Affine
 from numpy.typing import ArrayLike, NDArray
 from pyproj import CRS
+from pyproj.exceptions import CRSError
 
 from localizer.dem.crs import degrees_per_unit, geographic_crs, is_metric, lattice_xy, own_lonlat_deg, utm_crs
 from localizer.dem.datum import DatumShift, datum_shift
@@ -29,30 +31,44 @@ EDGE_TOLERANCE_CELLS = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Dem:
-    """Elevations on a lattice."""
+    """Elevations on a regular grid. Make one with `load_dem` or `dem_from_array`.
+
+    Attributes
+    ----------
+    z_m : ndarray of float32, shape (rows, cols)
+        Elevations at the cells' centres, row 0 northernmost, voids NaN. It cannot be written once the DEM was searched or a
+        horizon was computed.
+    crs : pyproj.CRS
+        Horizontal CRS of the grid.
+    transform : affine.Affine
+        From (col, row) of a cell's corner to x, y in ``crs`` (apply with @); centres at + 0.5.
+    metric_crs : pyproj.CRS
+        ``crs`` itself if it is projected in metres, else the WGS84 UTM zone of the centre. Positions are given in it.
+    spacing_ns_m, spacing_ew_m : float
+        Metres from row to row and from column to column, at the centre.
+    files : tuple
+        What the files say about themselves; empty if the DEM does not come from files.
+    error_m : float or None
+        One standard deviation of the elevations, where somebody says it. 0: an exact DEM, as in a simulation.
+    shift : DatumShift
+        From ``crs`` to WGS84.
+    heights : Heights
+        What the elevations count from.
+    joined_notes : tuple of str
+        What was done to files that lie on different grids, in words.
+    """
 
     z_m: NDArray[np.float32]
-    """(rows, cols), row 0 northernmost, voids NaN."""
     crs: CRS
-    """Of the lattice, horizontal."""
     transform: Affine
-    """From (col, row) of a cell's corner to x, y in ``crs`` (apply with @); centres at + 0.5."""
     metric_crs: CRS
-    """``crs`` itself if it is projected in metres, else the WGS84 UTM zone of the centre."""
     spacing_ns_m: float
-    """Metres from row to row, at the centre."""
     spacing_ew_m: float
-    """Metres from column to column, at the centre."""
     files: tuple[DemFile, ...] = ()
-    """Empty if the DEM does not come from files."""
     error_m: float | None = None
-    """One standard deviation of the elevations, where somebody says it. 0: it is the terrain itself, as in a simulation."""
     shift: DatumShift = field(default_factory=DatumShift)
-    """From ``crs`` to WGS84."""
     heights: Heights = field(default_factory=Heights)
-    """What the elevations count from."""
     joined_notes: tuple[str, ...] = ()
-    """What was done to files that lie on different lattices, in words."""
 
     def to_lonlat_deg(self, x: ArrayLike, y: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """WGS84 longitude and latitude of coordinates in ``crs``."""
@@ -115,7 +131,7 @@ class Dem:
 
 
 def load_dem(
-    paths: Sequence[Path],
+    paths: str | PathLike[str] | Sequence[str | PathLike[str]],
     *,
     vertical_unit: str | None = None,
     crs: str | None = None,
@@ -125,17 +141,48 @@ def load_dem(
     scale: float | None = None,
     geoid_offset_m: float | None = None,
 ) -> Dem:
-    """Read one file, or several that adjoin or overlap (where they overlap, the first counts).
+    """Read a digital elevation model.
 
-    Files on one lattice are taken as they are; others are brought onto the finest one's (see ``dem_join``). A path may be a
-    name that only GDAL understands (see ``dem_names``).
+    Parameters
+    ----------
+    paths : path-like or sequence of path-like
+        A raster that GDAL reads, or several that adjoin or overlap: where they overlap, the first counts. Files on another
+        grid than the finest one are brought onto that. Names that only GDAL understands will do, as
+        ``"/vsizip/tiles.zip/a.tif"``.
+    vertical_unit : {"m", "dm", "cm", "mm", "km", "ft", "us-ft"}, optional
+        Unit of the elevations. This and the next four are taken from the files unless given.
+    crs : str, optional
+        Horizontal CRS, as pyproj understands it, as ``"EPSG:4326"``.
+    nodata : float, optional
+        A further stored value that means void.
+    error_m : float, optional
+        One standard deviation of the elevations, where it is known; the search sets out from it. 0: an exact DEM, as in a
+        simulation.
+    band : int, optional
+        The band with the elevations, from 1.
+    scale : float, optional
+        Factor of the stored numbers.
+    geoid_offset_m : float, optional
+        Height of the geoid above the ellipsoid, for elevations that count from the ellipsoid; it is taken off.
 
-    ``vertical_unit`` (see ``VERTICAL_UNITS``), ``crs`` (whatever pyproj understands), ``nodata`` (a further value that means
-    void, as stored), ``band`` and ``scale`` (of the stored numbers) take precedence over what the files say.
-    ``geoid_offset_m``, the geoid's height above the ellipsoid, is taken off. ``error_m``: see ``Dem``.
+    Returns
+    -------
+    Dem
+        The elevations on their own grid, a geographic one included.
 
-    Raises ``DemError``.
+    Raises
+    ------
+    DemError
+        A file cannot be read, or is no elevation model that can be searched.
+
+    Examples
+    --------
+    >>> dem = localizer.load_dem("terrain.tif")
+    >>> dem.z_m.shape, dem.crs.name
+    ((800, 800), 'WGS 84')
     """
+    if isinstance(paths, str | PathLike):
+        paths = [paths]
     if not paths:
         raise DemError("no elevation file was named")
     if scale is not None and not (np.isfinite(scale) and scale != 0.0):
@@ -146,7 +193,7 @@ def load_dem(
         raise DemError(
             f"--geoid-offset: {geoid_offset_m:g} m; the geoid lies between -107 and +86 m above the ellipsoid anywhere"
         )
-    tiles = [read_tile(path, vertical_unit, crs, nodata, band, scale) for path in paths]
+    tiles = [read_tile(Path(path), vertical_unit, crs, nodata, band, scale) for path in paths]
     whole = joined(tiles)
     dem = dem_from_array(whole.z_m, whole.transform, whole.crs, tuple(tile.file for tile in tiles), error_m)
     row, col = np.meshgrid(
@@ -160,14 +207,51 @@ def load_dem(
 def dem_from_array(
     z_m: NDArray[np.floating],
     transform: Affine,
-    crs: CRS,
+    crs: CRS | str,
     files: tuple[DemFile, ...] = (),
     error_m: float | None = None,
 ) -> Dem:
-    """A DEM of elevations in metres, (rows, cols), row 0 northernmost, voids NaN, on a north-up lattice.
+    """Make a digital elevation model of an array.
 
-    Raises ``DemError`` if the lattice is tiny or does not lie where the CRS is defined.
+    Parameters
+    ----------
+    z_m : ndarray of float, shape (rows, cols)
+        Elevations in metres at the cells' centres, row 0 northernmost, voids NaN.
+    transform : affine.Affine
+        From (col, row) of a cell's corner to x, y in ``crs``, as rasterio has it; without rotation, north up.
+    crs : pyproj.CRS or str
+        Horizontal CRS of the grid.
+    files : tuple, optional
+        What the files say about themselves that the array was read from.
+    error_m : float, optional
+        One standard deviation of the elevations, where it is known. 0: an exact DEM, as in a simulation.
+
+    Returns
+    -------
+    Dem
+        The elevations on this grid.
+
+    Raises
+    ------
+    DemError
+        The grid is tiny, or does not lie where the CRS is defined.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from affine import Affine
+    >>> z_m = 500.0 + np.add.outer(np.arange(50.0), np.arange(60.0))
+    >>> dem = localizer.dem_from_array(z_m, Affine(30.0, 0.0, 560000.0, 0.0, -30.0, 5120000.0), "EPSG:32610")
+    >>> dem.z_m.shape, round(dem.spacing_ew_m)
+    ((50, 60), 30)
     """
+    if isinstance(crs, str):
+        try:
+            crs = CRS.from_user_input(crs)
+        except CRSError:
+            raise DemError(
+                f"crs: {crs} is not a coordinate reference system; name one as EPSG:32610"
+            ) from None
     rows, cols = z_m.shape
     where = ", ".join(str(file.path) for file in files) or "DEM"
     if min(rows, cols) < MIN_SIDE:

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
-from localizer.dem.geodesy import after, bounds_deg, lonlat_to_rowcol, rowcol_to_lonlat
+from localizer.dem.at_place import rowcol_inside
+from localizer.dem.geodesy import after, rowcol_to_lonlat
 from localizer.dem.horizon import NEAR_CELLS, Terrain, at_rim, horizon
 from localizer.dem.lattice import Dem
 from localizer.errors import SkyfixError
@@ -22,7 +23,19 @@ MOST_SUMMITS = 8
 
 @dataclass(frozen=True)
 class Standpoint:
-    """Where the camera is put."""
+    """Where the camera is put.
+
+    Attributes
+    ----------
+    lat_deg, lon_deg : float
+        WGS84.
+    row, col : float
+        The same in the DEM's cells, centres at whole numbers.
+    ground_m : float
+        Elevation of the ground above the DEM's vertical datum.
+    altitude_m : float
+        Of the optical centre, above the same.
+    """
 
     lat_deg: float
     lon_deg: float
@@ -30,12 +43,25 @@ class Standpoint:
     col: float
     ground_m: float
     altitude_m: float
-    """Of the optical centre."""
 
 
 @dataclass(frozen=True)
 class Summit:
-    """A point of the skyline that stands out."""
+    """A point of the skyline that stands out.
+
+    Attributes
+    ----------
+    azimuth_deg : float
+        True azimuth, 0 to 360.
+    elevation_deg : float
+        Angle above the horizontal.
+    distance_m : float
+        Along the ground.
+    lat_deg, lon_deg : float
+        Of the terrain there, WGS84.
+    height_m : float
+        Of the terrain there, above the DEM's vertical datum.
+    """
 
     azimuth_deg: float
     elevation_deg: float
@@ -43,7 +69,6 @@ class Summit:
     lat_deg: float
     lon_deg: float
     height_m: float
-    """Of the terrain there, above the DEM's datum."""
 
 
 @dataclass(frozen=True)
@@ -82,18 +107,11 @@ class View:
 
 def standpoint(dem: Dem, lat_deg: float, lon_deg: float, mast_height_m: float) -> Standpoint:
     """A camera on a mast at a place. Raises ``SkyfixError`` where the DEM knows no ground there."""
-    row, col = (float(value) for value in lonlat_to_rowcol(dem, lon_deg, lat_deg))
-    where = f"--at: {lat_deg:.5f},{lon_deg:.5f}"
-    if not (0.0 <= row <= dem.rows - 1 and 0.0 <= col <= dem.cols - 1):
-        south, west, north, east = bounds_deg(dem, [0.0, dem.rows - 1], [0.0, dem.cols - 1])
-        raise SkyfixError(
-            f"{where} lies outside the DEM, which reaches from {south:.5f} to {north:.5f} north and from "
-            f"{west:.5f} to {east:.5f} east; it is LAT,LON in degrees"
-        )
+    row, col = (float(value) for value in rowcol_inside(dem, np.asarray(lat_deg), np.asarray(lon_deg)))
     ground_m = float(dem.ground_m(row, col))
     if np.isnan(ground_m):
         raise SkyfixError(
-            f"{where} lies in a void of the DEM (row {row:.1f}, col {col:.1f}); name a place beside it"
+            f"{lat_deg:.5f},{lon_deg:.5f} lies in a void of the DEM (row {row:.1f}, col {col:.1f}); name a place beside it"
         )
     return Standpoint(lat_deg, lon_deg, row, col, ground_m, ground_m + mast_height_m)
 

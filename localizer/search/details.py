@@ -17,6 +17,7 @@ class FrameDetail:
     """One frame's skylines, in pixels of the frame as recorded (pixel centres at whole numbers)."""
 
     label: str
+    """The frame's."""
     found_u_px: NDArray[np.float64]
     """(n,) columns in which a skyline was found in the image."""
     found_v_px: NDArray[np.float64]
@@ -84,7 +85,15 @@ class LocateDetails:
 
 @dataclass(frozen=True)
 class LocateResult:
-    """What ``localizer.search.locate.locate_bundle`` returns."""
+    """What `locate` returns.
+
+    Attributes
+    ----------
+    fix : Fix
+        The position with its covariance, and the status.
+    details : LocateDetails
+        How it came about: contours, predicted skylines, surviving cells, candidates, solved errors.
+    """
 
     fix: Fix
     details: LocateDetails

@@ -12,8 +12,9 @@ from localizer.bundle import Bundle
 from localizer.camera import camera_to_world, project
 from localizer.dem.datum import UNKNOWN_DATUM_M
 from localizer.dem.geodesy import lonlat_to_rowcol
-from localizer.dem.horizon import Terrain, at_rim, horizon, horizon_around, prepare_terrain
+from localizer.dem.horizon import Terrain, at_rim, horizon, horizon_around
 from localizer.dem.lattice import Dem
+from localizer.dem.prepared import prepared
 from localizer.observation import FrameObservation, Observation, PriorCircle
 from localizer.search.answer import Located, fix_of, metric_covariance
 from localizer.search.contest import contest, sharpened
@@ -59,7 +60,7 @@ def locate_bundle(bundle: Bundle, dem: Dem) -> LocateResult:
     """Find the skyline in each frame of a bundle and the place in the DEM that has it."""
     watch = _Watch()
     with watch.part("prepare"):
-        terrain = prepare_terrain(dem)
+        terrain = prepared(dem)
         load_kernels(terrain)
     with watch.part("horizon"):
         skylines = [frame_skyline(bundle, frame) for frame in bundle.frames]

@@ -25,7 +25,11 @@ LEAST_PX = 16
 
 
 class ColumnState(IntEnum):
-    """What a column of the picture shows."""
+    """What a column of the picture shows.
+
+    ``OK``: a skyline. ``NO_SKY`` and ``NO_TERRAIN``: only the other. ``DOUBTFUL``: a boundary that may be something else, a
+    tree or a cloud.
+    """
 
     OK = 0
     NO_SKY = 1
@@ -37,11 +41,16 @@ class ColumnState(IntEnum):
 class Skyline:
     """The boundary between sky (above) and terrain (below), one entry per image column.
 
-    Attributes:
-        row_px: row of the edge, pixel centres at whole numbers (between row 99 and row 100 is 99.5); NaN where none.
-        sigma_px: one standard deviation of row_px, given that the boundary traced is the right one; NaN where none.
-        confidence: 0..1, how sure it is that the boundary traced is the terrain's skyline; 0 where none.
-        state: ColumnState.
+    Attributes
+    ----------
+    row_px : ndarray of float, shape (width,)
+        Row of the edge, pixel centres at whole numbers (between row 99 and row 100 is 99.5); NaN where none.
+    sigma_px : ndarray of float, shape (width,)
+        One standard deviation of ``row_px``, given that the boundary traced is the right one; NaN where none.
+    confidence : ndarray of float, shape (width,)
+        0 to 1, how sure it is that the boundary traced is the terrain's skyline; 0 where none.
+    state : ndarray of uint8, shape (width,)
+        What the column shows, a `ColumnState`.
     """
 
     row_px: NDArray[np.float64]
@@ -53,15 +62,36 @@ class Skyline:
 def find_skyline(image_bgr: NDArray[np.uint8]) -> Skyline:
     """Find the skyline in a picture.
 
-    Args:
-        image_bgr: (height, width, 3).
+    Parameters
+    ----------
+    image_bgr : ndarray of uint8, shape (height, width, 3)
+        Blue, green, red, as OpenCV reads pictures; turn an RGB picture with ``image[..., ::-1]``. The sky is at the top.
 
-    Returns:
-        The skyline, arrays of length width. A picture without a skyline has NO_SKY or NO_TERRAIN in all columns, one of less
-        than LEAST_PX in height or width NO_TERRAIN; the border around a scanned one has NO_SKY.
+    Returns
+    -------
+    Skyline
+        Arrays with an entry for each column. A picture without a skyline has ``NO_SKY`` or ``NO_TERRAIN`` in all columns, one
+        of less than 16 pixels in height or width ``NO_TERRAIN``; the border around a scanned one has ``NO_SKY``.
 
-    Raises:
-        ValueError: the array has another shape or type.
+    Raises
+    ------
+    ValueError
+        The array has another shape or type.
+
+    Notes
+    -----
+    The boundary is traced in a reduced picture by dynamic programming and placed to a fraction of a pixel in the full one.
+    Trust columns whose state is ``OK``: their confidence is at least 0.5.
+
+    Examples
+    --------
+    >>> bundle = localizer.load_bundle("bundles/first")
+    >>> image_bgr = localizer.frame_image(bundle, bundle.frames[0])
+    >>> skyline = localizer.find_skyline(image_bgr)
+    >>> skyline.row_px.shape
+    (640,)
+    >>> bool((skyline.state == localizer.ColumnState.OK).mean() > 0.9)
+    True
     """
     if image_bgr.ndim != 3 or image_bgr.shape[2] != 3 or image_bgr.dtype != np.uint8:
         raise ValueError(

@@ -19,7 +19,23 @@ class _Part(BaseModel):
 
 
 class TrackHypothesis(_Part):
-    """A place that the looks up to here allow, in the fix's metric CRS. ``seen``: whether this bundle's images fit it."""
+    """A place where the vehicle may be.
+
+    Attributes
+    ----------
+    easting_m, northing_m : float
+        In the CRS of the fix.
+    lat_deg, lon_deg : float
+        WGS84, -180 <= lon_deg < 180.
+    row, col : float
+        In the DEM's cells, centres at whole numbers.
+    covariance_m2 : tuple, 2 x 2
+        Of easting and northing, square metres on the ground.
+    probability : float
+        That the vehicle is there.
+    seen : bool
+        Whether the pictures of the last bundle fit it.
+    """
 
     easting_m: float
     northing_m: float
@@ -28,7 +44,6 @@ class TrackHypothesis(_Part):
     row: float
     col: float
     covariance_m2: Matrix
-    """Of easting and northing, metres of the ground."""
     probability: Probability
     seen: bool
 

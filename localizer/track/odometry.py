@@ -11,6 +11,7 @@ Distances are horizontal, headings those of the movement, true, clockwise from n
 each of both directions. Lines that are empty or begin with # count for nothing.
 """
 
+from os import PathLike
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple, Self
 
@@ -36,14 +37,68 @@ SigmaMetres = Annotated[float, Field(gt=0.0, le=FARTHEST_M)]
 
 
 class OdometryError(SkyfixError):
-    """Odometry that cannot be used; names the file and the line."""
+    """Odometry that cannot be used; names the file and the line, or the number."""
 
 
 class Movement(NamedTuple):
-    """The step (2,) to true east and north in metres and its covariance (2, 2)."""
+    """How a vehicle moved from one stop to the next.
+
+    Attributes
+    ----------
+    step_m : ndarray of float, shape (2,)
+        Horizontal metres to true east and north.
+    covariance_m2 : ndarray of float, shape (2, 2)
+        Of the same.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> movement = localizer.Movement(np.array([200.0, 0.0]), np.diag([16.0, 25.0]))
+    >>> movement = localizer.Movement.from_heading(200.0, 90.0, distance_sigma_m=4.0, heading_sigma_deg=2.0)
+    >>> movement.step_m.round(1)
+    array([199.9,   0. ])
+    """
 
     step_m: Floats
     covariance_m2: Floats
+
+    @classmethod
+    def from_heading(
+        cls, distance_m: float, heading_deg: float, *, distance_sigma_m: float, heading_sigma_deg: float
+    ) -> Self:
+        """Make a movement of a distance and a direction, as a wheel odometer and a heading give them.
+
+        Parameters
+        ----------
+        distance_m : float
+            Horizontal distance.
+        heading_deg : float
+            True direction of the movement, clockwise from north.
+        distance_sigma_m, heading_sigma_deg : float
+            One standard deviation of each, greater than 0.
+
+        Returns
+        -------
+        Movement
+            Exact mean and covariance of the end of the leg. With a poor heading it lies on an arc, whose mean is nearer than
+            its length.
+
+        Raises
+        ------
+        OdometryError
+            A number is out of range.
+        """
+        try:
+            leg = DistanceLeg(
+                distance_m=distance_m,
+                distance_sigma_m=distance_sigma_m,
+                heading_deg=heading_deg,
+                heading_sigma_deg=heading_sigma_deg,
+            )
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            raise OdometryError(f"{first['loc'][0]}: {first['msg']} (got {first['input']!r})") from None
+        return cls(*leg.movement())
 
 
 class _Leg(BaseModel):
@@ -150,8 +205,42 @@ def parse_leg(text: str | bytes) -> Movement | None:
         raise ValueError(f"{field}{': ' if field else ''}{what}{got}") from None
 
 
-def load_odometry(path: Path, legs: int) -> Odometry:
-    """Read the file for that many legs. Raises ``OdometryError`` that names the file and the line."""
+def load_odometry(path: str | PathLike[str], legs: int | None = None) -> Odometry:
+    """Read how a vehicle moved between the stops of a drive.
+
+    Parameters
+    ----------
+    path : path-like
+        JSON Lines, one line for each leg between two bundles; empty lines and such that begin with # are skipped.
+    legs : int, optional
+        How many there should be; any number unless given.
+
+    Returns
+    -------
+    tuple of Movement or None
+        One for each leg; None where the file says that it is unknown.
+
+    Raises
+    ------
+    OdometryError
+        The file cannot be read, a line is wrong, or there are more or fewer legs. Names the file and the line.
+
+    Notes
+    -----
+    A line is one of ::
+
+        {"distance_m": 200, "distance_sigma_m": 4, "heading_deg": 90, "heading_sigma_deg": 2}
+        {"east_m": 200, "north_m": 0, "sigma_m": 5}
+        {"east_m": 200, "north_m": 0, "covariance_m2": [[25, 0], [0, 16]]}
+        {"unknown": true}
+
+    Examples
+    --------
+    >>> for movement in localizer.load_odometry("legs.jsonl"):
+    ...     print("unknown" if movement is None else movement.step_m.round())
+    [201.  -2.]
+    """
+    path = Path(path)
     try:
         lines = read_file(path, MOST_JSON_BYTES).decode("utf-8-sig").splitlines()
     except OSError as error:
@@ -168,7 +257,7 @@ def load_odometry(path: Path, legs: int) -> Odometry:
             movements.append(parse_leg(line))
         except ValueError as error:
             raise OdometryError(f"{path}:{number}: {error}") from None
-    if len(movements) != legs:
+    if legs is not None and len(movements) != legs:
         raise OdometryError(
             f"{path}: has {len(movements)} legs, but {legs + 1} bundles have {legs} between them; "
             'give one line a leg, {"unknown": true} where nothing is known'

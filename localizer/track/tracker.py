@@ -11,7 +11,7 @@ import dataclasses
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -19,6 +19,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from localizer.bundle import Bundle
 from localizer.dem.geodesy import lonlat_to_rowcol, rowcol_to_lonlat
 from localizer.dem.horizon import Terrain
+from localizer.dem.lattice import Dem
+from localizer.dem.prepared import prepared
 from localizer.documents import DocumentError, json_text
 from localizer.errors import SkyfixError
 from localizer.fix import Fix
@@ -29,7 +31,7 @@ from localizer.search.decide import CERTAIN, CERTAIN_EVIDENCE, NEGLIGIBLE, WIDES
 from localizer.search.doubts import altitude_as_trusted, without_altimeter
 from localizer.search.fit.local_optima import SAME_PLACE_CELLS
 from localizer.search.fit.refine import Refined
-from localizer.search.locate import locate, observe
+from localizer.search.locate import load_kernels, locate, observe
 from localizer.search.reasons import off_the_way, several_places
 from localizer.skyline.upright import frame_skyline
 from localizer.track.mixture import (
@@ -45,6 +47,9 @@ from localizer.track.mixture import (
 )
 from localizer.track.odometry import Movement
 from localizer.track.places import GEOD, Place, place
+
+if TYPE_CHECKING:
+    from localizer.track.document import TrackHypothesis
 
 Mode = Literal["bootstrap", "whole DEM", "whole DEM after bootstrap failed"]
 
@@ -74,10 +79,44 @@ class TrackerError(SkyfixError):
 
 
 class Tracker(BaseModel):
-    """All that goes from one bundle to the next; JSON both ways (``to_json``, ``from_json``), valid for any DEM.
+    """What is believed of a vehicle's position from one bundle to the next.
 
-    ``now`` is what is believed; ``before`` the same without the last look that counted, ``since_m`` how far (east, north) the
-    vehicle went since that, and ``look_evidence`` how well the terrain explained it.
+    A tracker does not change: `step` returns the next one. It is JSON both ways (`to_json`, `from_json`) and valid for any
+    DEM.
+
+    Attributes
+    ----------
+    now : Mixture
+        What is believed: the possible places, each with its probability.
+    before : Mixture
+        The same without the last bundle that counted.
+    since_m : tuple of float, or None
+        How far the vehicle went, to east and north, since that; None where that is unknown.
+    look_evidence : float
+        How well the terrain explained that bundle: log likelihood ratio to chance.
+
+    See Also
+    --------
+    locate : One bundle by itself.
+    load_odometry : What lies between the bundles, from a file.
+
+    Notes
+    -----
+    The state is a mixture of Gaussians plus the probability of being elsewhere. A movement shifts and widens them; a bundle
+    multiplies them with what its search found. A second bundle from the same spot has the same errors as the first, and is
+    not counted as independent.
+
+    Examples
+    --------
+    >>> dem = localizer.load_dem("terrain.tif")
+    >>> tracker = localizer.Tracker()
+    >>> for name in ["first"]:
+    ...     step = tracker.step(localizer.load_bundle(f"bundles/{name}"), dem)
+    ...     tracker = step.tracker
+    ...     print(step.fix.status, len(step.hypotheses))
+    fix 1
+    >>> localizer.Tracker.from_json(tracker.to_json()) == tracker
+    True
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -86,16 +125,64 @@ class Tracker(BaseModel):
     now: Mixture = Mixture()
     before: Mixture = Mixture()
     since_m: tuple[float, float] | None = None
-    """None: no look has counted yet, or nothing is known of the way since."""
     look_evidence: float = 0.0
 
+    def step(
+        self,
+        measurement: Bundle | Observation,
+        dem: Dem,
+        *,
+        movement: Movement | None = None,
+        name: str = "observation",
+    ) -> "TrackStep":
+        """Move what is believed, and compare it with the next bundle.
+
+        Parameters
+        ----------
+        measurement : Bundle or Observation
+            The next bundle, or contours of your own.
+        dem : Dem
+            The elevation model.
+        movement : Movement, optional
+            How the vehicle moved since the last step; unknown unless given. Of no account in the first step.
+        name : str, optional
+            What the result calls an observation; a bundle goes by its id.
+
+        Returns
+        -------
+        TrackStep
+            The fix, all places that are possible now, and the tracker for the next step.
+
+        Raises
+        ------
+        BundleError
+            A picture of the bundle cannot be read.
+        """
+        terrain = prepared(dem)
+        load_kernels(terrain)
+        if isinstance(measurement, Bundle):
+            made = follow_bundle(self, movement, terrain, measurement)
+        else:
+            made = follow(self, movement, terrain, measurement, name)
+        from localizer.track.document import track_line  # which needs this module
+
+        line = track_line(made, dem)
+        return TrackStep(
+            fix=line.fix,
+            hypotheses=line.hypotheses,
+            elsewhere=line.elsewhere,
+            searched=line.mode,
+            left_out=line.left_out,
+            tracker=made.tracker,
+        )
+
     def to_json(self) -> str:
-        """One JSON object on one line."""
+        """The tracker as one JSON object on one line."""
         return self.model_dump_json(by_alias=True)
 
     @classmethod
     def from_json(cls, text: str | bytes) -> Self:
-        """What ``to_json`` wrote. Raises ``TrackerError``."""
+        """Read what `to_json` wrote. Raises `TrackerError`."""
         try:
             return cls.model_validate_json(json_text(text))
         except DocumentError as error:
@@ -104,6 +191,34 @@ class Tracker(BaseModel):
             first = error.errors(include_url=False)[0]
             where = ".".join(str(part) for part in first["loc"])
             raise TrackerError(f"state of a track: {where}: {first['msg']}; start a new track") from None
+
+
+@dataclass(frozen=True)
+class TrackStep:
+    """What one bundle of a drive came to; what `Tracker.step` returns.
+
+    Attributes
+    ----------
+    fix : Fix
+        The bundle's answer, with what was believed before.
+    hypotheses : tuple of TrackHypothesis
+        All places that are possible now, the most probable first.
+    elsewhere : float
+        The probability of none of them.
+    searched : str
+        ``"bootstrap"`` (near the one known place), ``"whole DEM"``, or ``"whole DEM after bootstrap failed"``.
+    left_out : str or None
+        The label of a frame that contradicts the others, which the answer does without.
+    tracker : Tracker
+        What is believed now: the next step starts from it.
+    """
+
+    fix: Fix
+    hypotheses: "tuple[TrackHypothesis, ...]"
+    elsewhere: float
+    searched: Mode
+    left_out: str | None
+    tracker: Tracker
 
 
 @dataclass(frozen=True)

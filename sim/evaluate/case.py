@@ -10,9 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from localizer.dem.crs import transform_xy
-from localizer.dem.horizon import Terrain
-from localizer.search.locate import locate, locate_bundle
+from localizer.experiments import Terrain, search_bundle, search_observation, transform_xy
 from sim.evaluate.case_result import CaseResult
 from sim.evaluate.contour_level import observation_of, searched_contour
 from sim.evaluate.crlb import Bound, cramer_rao_bound, rms_m
@@ -103,7 +101,7 @@ def _locate_contours(
     disturbed = disturb(truth, scenario, columns, exact, rng)
     observation = observation_of(truth, scenario, columns, disturbed)
     begin = time.perf_counter()
-    located = locate(terrain, observation)
+    located = search_observation(terrain, observation)
     took_s = time.perf_counter() - begin
     answer = CaseResult.to_observation(terrain, observation, located)
     return answer, cramer_rao_bound(truth, scenario, columns, disturbed), took_s
@@ -114,7 +112,7 @@ def _locate_pictures(
 ) -> CaseResult:
     with tempfile.TemporaryDirectory() as folder:
         bundle = write_pictures(truth, scenario, int(rng("pictures").integers(2**32)), Path(folder) / "case")
-        return CaseResult.to_bundle(locate_bundle(bundle, terrain.dem))
+        return CaseResult.to_bundle(search_bundle(bundle, terrain.dem))
 
 
 def _on_searched_ground(truth: Truth, terrain: Terrain, scenario: EvaluationScenario) -> Truth:

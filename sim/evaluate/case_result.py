@@ -6,12 +6,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from localizer.dem.ground import ground_offset_m
-from localizer.dem.horizon import Terrain
-from localizer.fix import Fix
-from localizer.observation import Observation
-from localizer.search.answer import Located, fix_of, metric_covariance
-from localizer.search.details import LocateResult, SolvedErrors
+from localizer import Fix, LocateResult, Observation, SolvedErrors
+from localizer.experiments import Located, Terrain, fix_of, ground_offset_m, metric_covariance
 
 Array = NDArray[np.float64]
 

@@ -3,9 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from localizer.camera import azimuth_elevation_deg, camera_to_world, pixel_rays
-from localizer.dem.horizon import Terrain, horizon_around
-from localizer.observation import Observation
+from localizer import Observation, azimuth_elevation_deg, camera_to_world, pixel_rays
+from localizer.experiments import Terrain, horizon_around
 from sim.evaluate.disturb import Disturbed
 from sim.evaluate.scenario import EvaluationScenario
 from sim.evaluate.truth import TrueFrame, Truth

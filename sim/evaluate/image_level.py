@@ -1,5 +1,6 @@
 """Cases with pictures: a case's world is rendered and written as a bundle."""
 
+import hashlib
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -7,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from localizer.bundle import FILE_NAME, Altitude, Bundle, Camera, Frame, load_bundle, sha256_of
+from localizer import Altitude, Bundle, Camera, Frame, load_bundle
 from sim.errors import SimulationError
 from sim.evaluate.scenario import EvaluationScenario
 from sim.evaluate.truth import TrueFrame, Truth
@@ -67,7 +68,7 @@ def write_pictures(truth: Truth, scenario: EvaluationScenario, seed: int, folder
         tilt_bias_sigma_deg=assumed("tilt_bias_sigma_deg"),
         frames=tuple(frames),
     )
-    (folder / FILE_NAME).write_text(bundle.to_json(), encoding="utf-8")
+    (folder / "bundle.json").write_text(bundle.to_json(), encoding="utf-8")
     return load_bundle(folder)
 
 
@@ -80,12 +81,13 @@ def _write_frame(
     if sent is None:
         raise SimulationError("OpenCV cannot read the JPEG that it wrote; reinstall it")
     name = f"frames/{frame.label}.png"
-    (folder / name).write_bytes(cv2.imencode(".png", sent)[1].tobytes())
+    content = cv2.imencode(".png", sent)[1].tobytes()
+    (folder / name).write_bytes(content)
     assumed = scenario.assumed_sigma
     return Frame(
         label=frame.label,
         file=name,
-        sha256=sha256_of(folder / name),
+        sha256=hashlib.sha256(content).hexdigest(),
         time=CREATED,
         azimuth_deg=frame.measured.heading_deg,
         azimuth_sigma_deg=assumed("azimuth_sigma_deg"),

@@ -8,9 +8,8 @@ import numpy as np
 from affine import Affine
 from numpy.typing import NDArray
 
-from localizer.dem.horizon import Terrain, prepare_terrain
-from localizer.dem.lattice import dem_from_array, load_dem
-from localizer.search.locate import load_kernels
+from localizer import dem_from_array, load_dem
+from localizer.experiments import Terrain, load_kernels, prepare_terrain
 from sim.evaluate.twins import TwinPlace
 from sim.world.surface import Surface
 

@@ -11,13 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from localizer.dem.horizon import Terrain as SearchedTerrain
-from localizer.dem.horizon import prepare_terrain
-from localizer.dem.lattice import load_dem
-from localizer.observation import Observation
-from localizer.search.answer import Located
-from localizer.search.grid_only import grid_only_estimate
-from localizer.search.locate import locate
+from localizer import Observation, load_dem
+from localizer.experiments import Located, grid_only_estimate, prepare_terrain, search_observation
+from localizer.experiments import Terrain as SearchedTerrain
 from sim.errors import SimulationError
 from sim.paper.observations import aimed_tilt_deg, frame_observation
 from sim.world.contour import skyline_contour
@@ -115,7 +111,7 @@ def repeat_table_i(
         rng = np.random.default_rng([seed, number])
         clean = _contours(surface, place, 0.0, rng)
         noisy = _contours(surface, place, NOISE_PX, rng)
-        exact, disturbed = locate(searched, clean), locate(searched, noisy)
+        exact, disturbed = search_observation(searched, clean), search_observation(searched, noisy)
         left = [len(cells) for cells in exact.stage1.survivors.values()]
         row = Row(
             actual=place,

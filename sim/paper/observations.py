@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from localizer.observation import FrameObservation
+from localizer import FrameObservation
 from sim.world.mechanics import Attitude
 from sim.world.scenario import CameraOptics
 from sim.world.surface import Observer, Surface

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from localizer.bundle import Bundle, Frame, load_bundle
-from localizer.camera import camera_to_world, pixel_rays
+from localizer import Bundle, Frame, camera_to_world, load_bundle, pixel_rays
 from sim.errors import SimulationError
 from sim.world.mechanics import Rotation
 from sim.world.truth import World

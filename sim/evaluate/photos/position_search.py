@@ -9,21 +9,35 @@ import numpy as np
 from numpy.typing import NDArray
 from pyproj import Transformer
 
-from localizer.bundle import Bundle, frame_image, load_bundle
-from localizer.dem.geodesy import rowcol_to_metric
-from localizer.dem.ground import ground_distance_m
-from localizer.dem.horizon import Terrain, prepare_terrain
-from localizer.dem.lattice import Dem, load_dem
-from localizer.observation import NO_COMPASS_SIGMA_DEG, Observation
-from localizer.search.answer import Located
-from localizer.search.fit.refine import Refined
-from localizer.search.locate import load_kernels, locate, observe
-from localizer.skyline.find import ColumnState, Skyline, find_skyline
+from localizer import (
+    Bundle,
+    ColumnState,
+    Dem,
+    Observation,
+    Skyline,
+    find_skyline,
+    frame_image,
+    load_bundle,
+    load_dem,
+    observation_from_bundle,
+    rowcol_to_metric,
+)
+from localizer.experiments import (
+    Located,
+    Refined,
+    Terrain,
+    ground_distance_m,
+    load_kernels,
+    prepare_terrain,
+    search_observation,
+)
 from sim.evaluate.photos.standpoints import Standpoint
 
 Floats = NDArray[np.float64]
 
 HEADING_SIGMA_DEG = 2.0
+NO_COMPASS_SIGMA_DEG = 180.0
+"""By which a bundle says that there was no compass."""
 UNKNOWN_TURN_DEG = 137.0
 """Without a heading the azimuths are rotated by this angle, so that nothing can use them by accident."""
 TRACE_SIGMA_PX = 1.0
@@ -110,13 +124,13 @@ def search(
     if standpoint.traced:
         skylines["known"] = [skyline_of_trace(standpoint.traced[frame.label]) for frame in bundle.frames]
     for skyline, rows in skylines.items():
-        observation = observe(bundle, rows)
+        observation = observation_from_bundle(bundle, rows)
         for heading, altitude in knowing[skyline]:
             given = _with_heading(bundle, observation, standpoint, heading == "2 deg")
             if altitude == "none":
                 given = replace(given, altitude_m=None, altitude_sigma_m=math.inf)
             begin = time.perf_counter()
-            located = locate(terrain, given)
+            located = search_observation(terrain, given)
             seconds = time.perf_counter() - begin
             yield _trial(standpoint, terrain.dem, (skyline, heading, altitude), located, seconds)
 

@@ -8,7 +8,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from localizer.skyline.find import find_skyline
+from localizer import find_skyline
 from sim.errors import SimulationError
 from sim.evaluate.photos import tables
 from sim.evaluate.photos.degraded_pictures import degraded_pictures

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from localizer.skyline.find import CONFIDENT, ColumnState, Skyline
+from localizer import ColumnState, Skyline
+from localizer.experiments import CONFIDENT
 
 Floats = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pyproj import CRS
 
-from localizer.bundle import Altitude, Bundle, Camera, Frame
+from localizer import Altitude, Bundle, Camera, Frame
 from sim.errors import SimulationError
 from sim.evaluate.photos.conversions import (
     cropped,

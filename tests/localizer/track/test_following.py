@@ -143,6 +143,18 @@ def blinded(observation: Observation) -> Observation:
     )
 
 
+def test_a_program_steps_a_tracker(scene, first_steps):
+    movement = driven(30.0)
+    blind = blinded(scene.look(0, WEST_SPOT))
+    step = first_steps[0].tracker.step(blind, scene.terrain.dem, movement=movement, name="in fog")
+    expected = follow(first_steps[0].tracker, movement, scene.terrain, blind, "in fog")
+    assert step.fix.status == "none"
+    assert step.tracker == expected.tracker
+    assert len(step.hypotheses) == len(expected.posteriors) > 1
+    assert not any(hypothesis.seen for hypothesis in step.hypotheses)
+    assert step.elsewhere == expected.elsewhere
+
+
 def test_a_known_drive_of_200_m_settles_what_neither_look_alone_can(scene, first_steps, west_alone):
     east = scene.look(0, EAST_SPOT)
     assert west_alone.decision.status == "ambiguous"

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from localizer.track.odometry import OdometryError, load_odometry, parse_leg
+from localizer.track.odometry import Movement, OdometryError, load_odometry, parse_leg
 
 DISTANCE = {"distance_m": 200, "distance_sigma_m": 4, "heading_deg": 90, "heading_sigma_deg": 2}
 VECTOR = {"east_m": 200, "north_m": 0, "sigma_m": 5}
@@ -109,3 +109,17 @@ def test_files_that_cannot_be_read_are_refused(tmp_path):
     (tmp_path / "picture").write_bytes(b"\x89PNG\xff\xfe")
     with pytest.raises(OdometryError, match="is no text"):
         load_odometry(tmp_path / "picture", 1)
+
+
+def test_a_program_makes_a_movement_of_distance_and_heading(tmp_path):
+    file = tmp_path / "legs.jsonl"
+    file.write_text('{"distance_m": 200, "distance_sigma_m": 4, "heading_deg": 90, "heading_sigma_deg": 2}\n')
+    (leg,) = load_odometry(str(file))
+    made = Movement.from_heading(200.0, 90.0, distance_sigma_m=4.0, heading_sigma_deg=2.0)
+    assert np.array_equal(made.step_m, leg.step_m)
+    assert np.array_equal(made.covariance_m2, leg.covariance_m2)
+
+
+def test_a_movement_out_of_range_is_refused_in_one_line():
+    with pytest.raises(OdometryError, match=r"^heading_sigma_deg: .* \(got 0.0\)$"):
+        Movement.from_heading(200.0, 90.0, distance_sigma_m=4.0, heading_sigma_deg=0.0)
