@@ -275,9 +275,9 @@ def frame_image(bundle: Bundle, frame: Frame) -> NDArray[np.uint8]:
     content = _content(bundle.directory, frame.file, f"{place}.file")
     if hashlib.sha256(content).hexdigest() != frame.sha256:
         raise BundleError(f"{place}.sha256: {frame.file} has another checksum; it changed after the capture")
-    quarters = round(frame.roll_deg / 90.0) % 4
+    quarter_turns = round(frame.roll_deg / 90.0) % 4
     try:
-        return decode_picture(content, bundle.camera.width_px, bundle.camera.height_px, quarters)
+        return decode_picture(content, bundle.camera.width_px, bundle.camera.height_px, quarter_turns)
     except PictureError as error:
         raise BundleError(f"{place}.file: {frame.file} {error}") from None
 

@@ -29,7 +29,7 @@ def kernel(*, parallel: bool = False, inline: bool = False) -> Callable[[Functio
     )
 
 
-def with_sound_kernels(load: Callable[[], T]) -> T:
+def recompiled_if_damaged(load: Callable[[], T]) -> T:
     """What ``load`` gives, which calls kernels: once more with freshly compiled ones where those on disk are damaged.
 
     Where the power fails soon after kernels were compiled, files without their content are left, and numba stumbles over

@@ -12,7 +12,7 @@ from typing import Any, NoReturn, TypeVar
 
 import click
 
-from localizer.commands.streams import nobody_reads, write_no_more, write_whatever_comes
+from localizer.commands.streams import discard_output, is_closed_pipe, replace_unencodable_characters
 from localizer.errors import SkyfixError
 from localizer.os_errors import why_not_written
 
@@ -29,7 +29,7 @@ def run(command: click.Command, program: str) -> NoReturn:
     error's own (2 for bad input). A reader who closes the pipe early (``| head``) has enough: the program ends without a
     word. Any other exception is a defect of the program and shows its traceback.
     """
-    write_whatever_comes()
+    replace_unencodable_characters()
     take_negative_numbers(command)
     output = sys.stdout
     try:
@@ -63,7 +63,7 @@ def run(command: click.Command, program: str) -> NoReturn:
         _end(PIPE_CLOSED)
     except SystemExit as ended:
         # click ends with status 1 after any broken pipe, rich after one of standard output
-        if isinstance(ended.__context__, BrokenPipeError) or nobody_reads(output):
+        if isinstance(ended.__context__, BrokenPipeError) or is_closed_pipe(output):
             _end(PIPE_CLOSED)
         if sys.stdout is not output:
             sys.stdout = output
@@ -72,7 +72,7 @@ def run(command: click.Command, program: str) -> NoReturn:
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         if error.errno in _OF_THE_DISK:
-            write_no_more()
+            discard_output()
             _fail(program, f"{where}{_why(error)}", 2)
         if isinstance(error, PermissionError) and where:  # even to ask whether a path exists may be forbidden
             _fail(program, f"{where}permission denied; check who may read and write there", 2)
@@ -89,9 +89,9 @@ def _end(status: int, program: str = "") -> NoReturn:
         if sys.stdout is not None:
             sys.stdout.flush()
     except BrokenPipeError:
-        write_no_more()
+        discard_output()
     except OSError as error:
-        write_no_more()
+        discard_output()
         _fail(program, _why(error), 2)
     sys.exit(status)
 

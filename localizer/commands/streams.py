@@ -9,7 +9,7 @@ from contextlib import suppress
 from typing import Any
 
 
-def nobody_reads(stream: Any) -> bool:
+def is_closed_pipe(stream: Any) -> bool:
     """Whether a stream is a pipe whose reader has closed it."""
     try:
         poll = select.poll()
@@ -19,7 +19,7 @@ def nobody_reads(stream: Any) -> bool:
         return False
 
 
-def write_no_more() -> None:
+def discard_output() -> None:
     """What is still to be written to standard output goes nowhere, where it cannot be written."""
     with suppress(OSError, ValueError, AttributeError):
         with suppress(OSError):
@@ -28,7 +28,7 @@ def write_no_more() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def write_whatever_comes() -> None:
+def replace_unencodable_characters() -> None:
     """Have characters that standard output, or standard error, cannot encode written in another way, rather than fail.
 
     That is so with PYTHONIOENCODING=ascii, with LANG=C on some systems, and for file names that are no text.

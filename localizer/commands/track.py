@@ -10,7 +10,7 @@ from localizer.bundle import Bundle, load_bundle
 from localizer.dem.lattice import Dem
 from localizer.errors import SkyfixError
 from localizer.output_files import writing
-from localizer.search.doubts import altitude_note, reason_note
+from localizer.search.altitude_reference import altitude_note, reason_note
 from localizer.show.output_parts import OutputParts
 from localizer.show.text import report
 from localizer.truth import Truth

@@ -109,7 +109,7 @@ def wrapped_lon_deg(lon_deg: float) -> float:
 
 
 @lru_cache(maxsize=64)
-def turn_in_x(crs: CRS) -> float | None:
+def x_period(crs: CRS) -> float | None:
     """How much x grows by once around the Earth, where it is longitude at a scale: geographic CRS and maps on a cylinder.
 
     None for all others, which have no such seam.

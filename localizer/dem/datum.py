@@ -25,9 +25,9 @@ UNKNOWN_DATUM_M = 1500.0
 """So far may a place lie off that is told on a datum which nobody knows: Pulkovo, Tokyo and Kandawala differ by up to 1 km."""
 MODERN_RADIUS_M = 6378137.0
 """Of GRS 1980 and of what is made after it, which satellites' datums use."""
-UNTOLD_ELLIPSOID_M = 3.0
+UNNAMED_DATUM_ACCURACY_M = 3.0
 """Of a datum of no name on WGS84's own ellipsoid, which the realizations of WGS84 and its likes share with no other."""
-UNTOLD_ACCURACY_M = 5.0
+UNSTATED_ACCURACY_M = 5.0
 """Of a shift whose parameters come without, as +towgs84: of three for a country, as most are, usual."""
 
 Floats = NDArray[np.float64]
@@ -95,7 +95,7 @@ def datum_shift(crs: CRS, x: ArrayLike, y: ArrayLike) -> DatumShift:
     # PROJ puts first what serves the area best
     absent = next(iter(missing), None)
     if best is None and not is_named(crs) and _has_wgs84_ellipsoid(crs):
-        return DatumShift("its ellipsoid alone, which is WGS84's", None, UNTOLD_ELLIPSOID_M)
+        return DatumShift("its ellipsoid alone, which is WGS84's", None, UNNAMED_DATUM_ACCURACY_M)
     if best is None or _is_ballpark(best.description) or _is_ballpark(best.definition):
         needs = f"; {_needs(absent.name, absent.grids)}" if absent is not None else ""
         return DatumShift(known=False, better=needs.removeprefix("; ") or None)
@@ -106,7 +106,7 @@ def datum_shift(crs: CRS, x: ArrayLike, y: ArrayLike) -> DatumShift:
     parts = [part for part in best.description.split(" + ") if "axis order change" not in part]
     name = " + ".join(part for part in parts if part != projection) or "none, it stands on WGS84"
     moves = "helmert" in best.definition or "grid" in best.definition or "molodensky" in best.definition
-    accuracy_m = best.accuracy if best.accuracy >= 0.0 else UNTOLD_ACCURACY_M if moves else 0.0
+    accuracy_m = best.accuracy if best.accuracy >= 0.0 else UNSTATED_ACCURACY_M if moves else 0.0
     return DatumShift(name, best.definition, accuracy_m, True, better)
 
 

@@ -15,7 +15,7 @@ from localizer.dem.crs import WGS84, is_projected, transform_xy
 from localizer.dem.datum import is_named, is_of_the_earth
 from localizer.dem.heights import Heights, heights_of
 from localizer.dem.open import DemError, opened
-from localizer.dem.units import UNSAID, VERTICAL_UNITS, unit_named
+from localizer.dem.units import UNSTATED, VERTICAL_UNITS, unit_named
 from localizer.dem.values import HIGHEST_M, LOWEST_M, band_of, elevations_m, scale_of
 
 if TYPE_CHECKING:
@@ -213,7 +213,7 @@ def _vertical_unit(
             raise DemError(f"--vertical-unit: {option} is not one of {', '.join(VERTICAL_UNITS)}")
         return option, "option"
     band_unit = dataset.units[band - 1]
-    if band_unit is not None and band_unit.strip().lower() not in UNSAID:
+    if band_unit is not None and band_unit.strip().lower() not in UNSTATED:
         named = unit_named(band_unit)
         if named is not None:
             return named, "band"

@@ -18,8 +18,8 @@ from localizer.dem.crs import (
     own_lonlat_deg,
     own_xy,
     transform_xy,
-    turn_in_x,
     wrapped_deg,
+    x_period,
 )
 from localizer.dem.ground import MapMetres, convergence_deg, map_metres, to_map_metres
 from localizer.dem.lattice import Dem
@@ -43,7 +43,7 @@ def rowcol_to_xy(dem: Dem, row: ArrayLike, col: ArrayLike) -> tuple[Floats, Floa
 def xy_to_rowcol(dem: Dem, x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
     """Row, col of coordinates in the DEM's own CRS. Longitudes, and x of a map on a cylinder, may be off by whole turns."""
     x, y = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
-    turn = turn_in_x(dem.crs)
+    turn = x_period(dem.crs)
     if turn is not None:
         centre_x = dem.transform.c + dem.transform.a * dem.cols / 2
         x = x + turn * np.round((centre_x - x) / turn)
@@ -130,7 +130,7 @@ def meridian_convergence_deg(dem: Dem, row: ArrayLike, col: ArrayLike) -> Floats
 
 
 @dataclass(frozen=True, eq=False)
-class LatticeFrames:
+class GeodesicExpansion:
     """How geodesics run through the lattice, to second order in their length, anywhere on a DEM.
 
     A geodesic that leaves (row, col) in true azimuth A reaches after s metres, with e = s sin A, n = s cos A,
@@ -165,19 +165,19 @@ class LatticeFrames:
         return np.reshape(out, (-1, 2, 5))
 
 
-def after(
-    frame: Floats, row: float, col: float, east_m: ArrayLike, north_m: ArrayLike
+def geodesic_end(
+    coefficients: Floats, row: float, col: float, east_m: ArrayLike, north_m: ArrayLike
 ) -> tuple[Floats, Floats]:
     """Row and col, elementwise, where geodesics of (row, col) end, given their lengths' parts to true east and north.
 
-    ``frame``: (2, 5), the coefficients there, or a few cells away.
+    ``coefficients``: (2, 5), the coefficients there, or a few cells away.
     """
     e, n = np.asarray(east_m, np.float64), np.asarray(north_m, np.float64)
-    steps = np.tensordot(frame, np.array([e, n, e * e, e * n, n * n]), axes=1)
+    steps = np.tensordot(coefficients, np.array([e, n, e * e, e * n, n * n]), axes=1)
     return row + steps[0], col + steps[1]
 
 
-def lattice_frames(dem: Dem) -> LatticeFrames:
+def geodesic_expansion(dem: Dem) -> GeodesicExpansion:
     """Fit the coefficients on a coarse grid of nodes over the DEM. Takes some milliseconds."""
     node_rows = np.linspace(0.0, dem.rows - 1, _node_count(dem.rows * dem.spacing_ns_m))
     node_cols = np.linspace(0.0, dem.cols - 1, _node_count(dem.cols * dem.spacing_ew_m))
@@ -195,7 +195,7 @@ def lattice_frames(dem: Dem) -> LatticeFrames:
     even = (far[..., 0::2, :] + far[..., 1::2, :]) / 2.0 - start[..., None, :]
     ee, nn, north_east, south_east = np.moveaxis(even, -2, 0) / QUADRATIC_M**2
     quadratic = np.stack([ee, north_east - south_east, nn], axis=-1)
-    return LatticeFrames(node_rows, node_cols, np.concatenate([linear, quadratic], axis=-1))
+    return GeodesicExpansion(node_rows, node_cols, np.concatenate([linear, quadratic], axis=-1))
 
 
 def _node_count(extent_m: float) -> int:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from pyproj import CRS, Geod
 from pyproj.exceptions import CRSError
 
-from localizer.dem.crs import geographic_crs, own_lonlat_deg, own_xy, turn_in_x
+from localizer.dem.crs import geographic_crs, own_lonlat_deg, own_xy, x_period
 from localizer.errors import SkyfixError
 
 Floats = NDArray[np.float64]
@@ -148,5 +148,5 @@ def _geod(crs: CRS) -> Geod:
 
 def _near(crs: CRS, x: Floats, near_x: Floats) -> Floats:
     """The same places by whole turns as near to ``near_x`` as can be: a cylinder's map goes on beyond its seam."""
-    turn = turn_in_x(crs)
+    turn = x_period(crs)
     return x if turn is None else np.asarray(x + turn * np.round((near_x - x) / turn))

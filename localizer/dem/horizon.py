@@ -15,7 +15,7 @@ import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from localizer.dem.geodesy import LatticeFrames, after, lattice_frames
+from localizer.dem.geodesy import GeodesicExpansion, geodesic_end, geodesic_expansion
 from localizer.dem.lattice import Dem
 from localizer.jit import kernel
 
@@ -33,7 +33,7 @@ GUESS_MARGIN_M = 0.01
 LARGEST_ROUGHNESS = 5.0
 NEAR_CELLS = 2.0
 """What rises above all else nearer than this no DEM can tell. It can only hide what is farther, never lower it."""
-RIM_CELLS = 3
+DEM_EDGE_CELLS = 3
 """Terrain so close to where the DEM ends, or to a void in it, is no skyline to rely on: what lies beyond may be higher, and
 cells at a rim are often made up."""
 SMALLEST_ERROR_M = 0.1
@@ -63,20 +63,20 @@ class Terrain:
     """
 
     dem: Dem
-    frames: LatticeFrames
+    geodesics: GeodesicExpansion
     height_m: Heights
     cell_ceiling_m: Heights
     half_cell_relief_m: Heights
-    rim: NDArray[np.bool_]
+    dem_edge: NDArray[np.bool_]
     row_blocks: Heights
     col_blocks: Heights
     highest_m: float
     drop_per_m2: float
     roughness: Heights
-    mean_bend_m: float
+    mean_second_difference_m: float
 
     @property
-    def usual_error_m(self) -> float:
+    def nominal_error_m(self) -> float:
         """One standard deviation of the elevations of such a DEM, until the residuals tell.
 
         What is said of it, else more in wide and in rough cells.
@@ -85,24 +85,24 @@ class Terrain:
             return EXACT_ERROR_M
         if self.dem.error_m is not None:
             return max(self.dem.error_m, SMALLEST_ERROR_M)
-        return self._error_of_its_kind_m
+        return self._default_error_m
 
     @property
     def largest_error_m(self) -> float:
         """More is not believed of any place. Whoever says too little of a DEM's error does not lose all places by that."""
-        told_m = LARGEST_ERROR * self.usual_error_m
-        return told_m if self.exact else max(told_m, self._error_of_its_kind_m)
+        told_m = LARGEST_ERROR * self.nominal_error_m
+        return told_m if self.exact else max(told_m, self._default_error_m)
 
     @property
-    def _error_of_its_kind_m(self) -> float:
-        return max(3.0, 0.05 * self.cell_m, 0.5 * self.mean_bend_m)
+    def _default_error_m(self) -> float:
+        return max(3.0, 0.05 * self.cell_m, 0.5 * self.mean_second_difference_m)
 
     @property
     def exact(self) -> bool:
         """Whether the surface is the terrain itself, between the cells and close by, too."""
         return self.dem.error_m == 0.0
 
-    def doubted(self) -> "Terrain":
+    def with_error_model(self) -> "Terrain":
         """The same as it is without anybody's word for its error."""
         return replace(self, dem=replace(self.dem, error_m=None))
 
@@ -115,9 +115,9 @@ class Terrain:
         """Roughness (n,) of the cells nearest to lattice positions (n,), of those on the rim for what lies beyond it."""
         return np.asarray(self.roughness[self._nearest(row, col)], np.float64)
 
-    def is_rim(self, row: Floats, col: Floats) -> NDArray[np.bool_]:
+    def is_dem_edge(self, row: Floats, col: Floats) -> NDArray[np.bool_]:
         """Whether lattice positions (n,) lie on the DEM's rim, or beyond it."""
-        return np.asarray(self.rim[self._nearest(row, col)])
+        return np.asarray(self.dem_edge[self._nearest(row, col)])
 
     def above_neighbours_m(self, row: float, col: float) -> float:
         """By how much the cell nearest to a lattice position rises above the mean of its four neighbours; 0 if it does not."""
@@ -145,32 +145,32 @@ class Terrain:
 def prepare_terrain(dem: Dem, refraction: float = REFRACTION) -> Terrain:
     """What rays need of a DEM, computed once."""
     height = np.where(np.isfinite(dem.z_m), dem.z_m, VOID_M).astype(np.float32)
-    bend_m = _bend_m(dem.z_m)
-    mean_bend_m = float(bend_m.mean())
+    bend_m = _second_differences_m(dem.z_m)
+    mean_second_difference_m = float(bend_m.mean())
     return Terrain(
         dem=dem,
-        frames=lattice_frames(dem),
+        geodesics=geodesic_expansion(dem),
         height_m=np.ascontiguousarray(height),
         cell_ceiling_m=_cell_ceilings(height),
         half_cell_relief_m=half_cell_relief_m(height),
-        rim=_rim(dem.z_m),
+        dem_edge=_dem_edge(dem.z_m),
         row_blocks=_block_maxima(height),
         col_blocks=_block_maxima(np.ascontiguousarray(height.T)),
         highest_m=float(height.max()),
         drop_per_m2=(1.0 - refraction) / (2.0 * EARTH_RADIUS_M),
-        roughness=np.minimum(bend_m / max(mean_bend_m, 1e-3), LARGEST_ROUGHNESS),
-        mean_bend_m=mean_bend_m,
+        roughness=np.minimum(bend_m / max(mean_second_difference_m, 1e-3), LARGEST_ROUGHNESS),
+        mean_second_difference_m=mean_second_difference_m,
     )
 
 
-def at_rim(
+def at_dem_edge(
     terrain: Terrain, row: float, col: float, azimuth_rad: Floats, distance_m: Floats
 ) -> NDArray[np.bool_]:
     """Whether the horizon (n,) that is seen so far from a place lies on the DEM's rim, or (NaN) beyond it."""
     reach_m = np.nan_to_num(distance_m)
-    frame = terrain.frames.at(row, col)[0]
-    there = after(frame, row, col, reach_m * np.sin(azimuth_rad), reach_m * np.cos(azimuth_rad))
-    return np.asarray(np.isnan(distance_m) | terrain.is_rim(*there))
+    coefficients = terrain.geodesics.at(row, col)[0]
+    there = geodesic_end(coefficients, row, col, reach_m * np.sin(azimuth_rad), reach_m * np.cos(azimuth_rad))
+    return np.asarray(np.isnan(distance_m) | terrain.is_dem_edge(*there))
 
 
 def half_cell_relief_m(height_m: Heights) -> Heights:
@@ -186,14 +186,16 @@ def half_cell_relief_m(height_m: Heights) -> Heights:
     return np.asarray(0.5 * steps, np.float32)
 
 
-def _rim(z_m: NDArray[np.float32]) -> NDArray[np.bool_]:
+def _dem_edge(z_m: NDArray[np.float32]) -> NDArray[np.bool_]:
     """Cells within RIM_CELLS of a void or of what lies outside."""
-    void = np.pad(~np.isfinite(z_m), RIM_CELLS, constant_values=True).astype(np.uint8)
-    near = cv2.dilate(void, np.ones((2 * RIM_CELLS + 1,) * 2, np.uint8))
-    return np.ascontiguousarray(near[RIM_CELLS:-RIM_CELLS, RIM_CELLS:-RIM_CELLS].astype(bool))
+    void = np.pad(~np.isfinite(z_m), DEM_EDGE_CELLS, constant_values=True).astype(np.uint8)
+    near = cv2.dilate(void, np.ones((2 * DEM_EDGE_CELLS + 1,) * 2, np.uint8))
+    return np.ascontiguousarray(
+        near[DEM_EDGE_CELLS:-DEM_EDGE_CELLS, DEM_EDGE_CELLS:-DEM_EDGE_CELLS].astype(bool)
+    )
 
 
-def _bend_m(z_m: NDArray[np.float32]) -> Heights:
+def _second_differences_m(z_m: NDArray[np.float32]) -> Heights:
     """Root mean square of the second differences around each cell; their mean over the DEM where they are not known."""
     z = z_m.astype(np.float32)
     square = np.full(z.shape, np.nan, np.float32)
@@ -243,7 +245,7 @@ def horizon_tangents(
         terrain.col_blocks,
         terrain.highest_m,
         terrain.drop_per_m2,
-        terrain.frames.at(row, col),
+        terrain.geodesics.at(row, col),
         row,
         col,
         altitude_m,
@@ -281,7 +283,7 @@ def horizon_around(
         terrain.col_blocks,
         terrain.highest_m,
         terrain.drop_per_m2,
-        terrain.frames.at(np.array([row]), np.array([col]))[0],
+        terrain.geodesics.at(np.array([row]), np.array([col]))[0],
         row,
         col,
         altitude_m,
@@ -348,7 +350,7 @@ def ray_horizon(
     col_blocks: Heights,
     highest: float,
     drop: float,
-    frame: Floats,
+    coefficients: Floats,
     row: float,
     col: float,
     eye: float,
@@ -365,10 +367,18 @@ def ray_horizon(
     of grid lines is leapt over, the largest first, when its highest cell stays below the horizon found so far.
     """
     east, north = np.sin(azimuth), np.cos(azimuth)
-    row_1 = frame[0, 0] * east + frame[0, 1] * north
-    row_2 = frame[0, 2] * east * east + frame[0, 3] * east * north + frame[0, 4] * north * north
-    col_1 = frame[1, 0] * east + frame[1, 1] * north
-    col_2 = frame[1, 2] * east * east + frame[1, 3] * east * north + frame[1, 4] * north * north
+    row_1 = coefficients[0, 0] * east + coefficients[0, 1] * north
+    row_2 = (
+        coefficients[0, 2] * east * east
+        + coefficients[0, 3] * east * north
+        + coefficients[0, 4] * north * north
+    )
+    col_1 = coefficients[1, 0] * east + coefficients[1, 1] * north
+    col_2 = (
+        coefficients[1, 2] * east * east
+        + coefficients[1, 3] * east * north
+        + coefficients[1, 4] * north * north
+    )
     along_rows = abs(row_1) > abs(col_1)
     if along_rows:
         start, a1, a2, minor_start, b1, b2 = row, row_1, row_2, col, col_1, col_2
@@ -509,7 +519,7 @@ def _horizons(
     col_blocks: Heights,
     highest: float,
     drop: float,
-    frames: Floats,
+    coefficients: Floats,
     row: Floats,
     col: Floats,
     eye: Floats,
@@ -527,7 +537,7 @@ def _horizons(
             col_blocks,
             highest,
             drop,
-            frames[i],
+            coefficients[i],
             row[i],
             col[i],
             eye[i],
@@ -546,7 +556,7 @@ def _horizon_around(
     col_blocks: Heights,
     highest: float,
     drop: float,
-    frame: Floats,
+    coefficients: Floats,
     row: float,
     col: float,
     eye: float,
@@ -564,7 +574,7 @@ def _horizon_around(
             col_blocks,
             highest,
             drop,
-            frame,
+            coefficients,
             row,
             col,
             eye,

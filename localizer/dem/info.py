@@ -14,7 +14,7 @@ from localizer.dem.geodesy import bounds_deg, meridian_convergence_deg, rowcol_t
 from localizer.dem.heights import heights_note, heights_text
 from localizer.dem.lattice import Dem
 
-DOUBTFUL_DATUM_M = 5.0
+NOTED_DATUM_ACCURACY_M = 5.0
 """Less goes unsaid beside a fix: it is what NAD83 and ETRS89 differ by from WGS84."""
 FLAT_VOIDS_GAP_M = 100.0
 """Zeros that lie so far below all other ground are no sea: a coast has every elevation in between."""
@@ -159,7 +159,7 @@ def dem_notes(dem: Dem) -> list[str]:
     notes = overruled + list(dem.joined_notes) + ([zeros_note(zeros)] if zeros else [])
     if not dem.shift.known:
         notes.append(unknown_datum_note(dem.crs, dem.shift))
-    elif dem.shift.accuracy_m >= DOUBTFUL_DATUM_M:
+    elif dem.shift.accuracy_m >= NOTED_DATUM_ACCURACY_M:
         better = f"; {dem.shift.better}" if dem.shift.better else ""
         notes.append(
             f"positions on WGS84 are good to {dem.shift.accuracy_m:g} m at best, by {dem.shift.name} from the DEM's "

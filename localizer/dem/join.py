@@ -16,17 +16,17 @@ from numpy.typing import NDArray
 from localizer.dem.crs import degrees_per_unit, geographic_crs, lattice_xy, own_lonlat_deg, readable_name
 from localizer.dem.datum import DatumShift, datum_shift
 from localizer.dem.file import DemError, Tile
-from localizer.dem.mosaic import (
-    Whole,
+from localizer.dem.merge import (
+    MergedLattice,
     check_cells,
     check_connected,
+    first_unconnected,
     misfit,
     mosaic,
-    on_the_same_turn,
-    unreached,
+    shifted_by_period,
 )
 
-BRIDGED_CELLS = 0.25
+EXTRAPOLATED_CELLS = 0.25
 """So far beyond its outer cells a surface is continued, so that a seam has no gap."""
 MOST_OVERLAP = 0.25
 """Of the smaller one's cells: archives' tiles overlap by a few cells' rim."""
@@ -36,18 +36,18 @@ ROWS_AT_ONCE = 256
 Floats = NDArray[np.float64]
 
 
-def joined(tiles: Sequence[Tile]) -> Whole:
+def joined(tiles: Sequence[Tile]) -> MergedLattice:
     """All tiles as one; where they overlap, the first counts. Raises ``DemError`` where they do not fit together."""
     first = tiles[0]
     if len(tiles) == 1:
-        return Whole(first.z_m, first.transform, first.crs)
+        return MergedLattice(first.z_m, first.transform, first.crs)
     _check_heights(tiles)
     groups = _groups(tiles)
     if len(groups) == 1:
-        tiles = [on_the_same_turn(first, tile) for tile in tiles]
+        tiles = [shifted_by_period(first, tile) for tile in tiles]
         check_connected(tiles)
         return mosaic(tiles)
-    return _brought_together([mosaic([on_the_same_turn(g[0], t) for t in g]) for g in groups], groups)
+    return _resampled_onto_finest([mosaic([shifted_by_period(g[0], t) for t in g]) for g in groups], groups)
 
 
 def _groups(tiles: Sequence[Tile]) -> list[list[Tile]]:
@@ -55,7 +55,7 @@ def _groups(tiles: Sequence[Tile]) -> list[list[Tile]]:
     groups: list[list[Tile]] = []
     for tile in tiles:
         for group in groups:
-            if misfit(group[0], on_the_same_turn(group[0], tile)) is None:
+            if misfit(group[0], shifted_by_period(group[0], tile)) is None:
                 group.append(tile)
                 break
         else:
@@ -63,7 +63,7 @@ def _groups(tiles: Sequence[Tile]) -> list[list[Tile]]:
     return groups
 
 
-def _warp_command(base: Whole, tile: Tile, low: Floats, high: Floats) -> str:
+def _warp_command(base: MergedLattice, tile: Tile, low: Floats, high: Floats) -> str:
     """What brings a file, which reaches from ``low`` to ``high`` (row, col), onto the lattice ``base``."""
     t = base.transform
     top, left = (int(v) for v in np.floor(low + 0.5))
@@ -90,12 +90,12 @@ def _check_heights(tiles: Sequence[Tile]) -> None:
 
 
 @dataclass(frozen=True)
-class _Way:
+class _LatticeMapping:
     """From the lattice that counts to another, over WGS84 where their CRS differ."""
 
-    base: Whole
+    base: MergedLattice
     base_shift: DatumShift
-    other: Whole
+    other: MergedLattice
     other_shift: DatumShift
 
     def rowcol(self, row: Floats, col: Floats) -> tuple[Floats, Floats]:
@@ -117,7 +117,7 @@ class _Way:
         return _rowcol(self.base, x, y)
 
 
-def _rowcol(whole: Whole, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+def _rowcol(whole: MergedLattice, x: Floats, y: Floats) -> tuple[Floats, Floats]:
     t = whole.transform
     if whole.crs.is_geographic:
         turn = 360.0 / degrees_per_unit(whole.crs)
@@ -126,7 +126,9 @@ def _rowcol(whole: Whole, x: Floats, y: Floats) -> tuple[Floats, Floats]:
     return (y - t.f) / t.e - 0.5, (x - t.c) / t.a - 0.5
 
 
-def _brought_together(wholes: Sequence[Whole], groups: Sequence[Sequence[Tile]]) -> Whole:
+def _resampled_onto_finest(
+    wholes: Sequence[MergedLattice], groups: Sequence[Sequence[Tile]]
+) -> MergedLattice:
     """All surfaces on the finest one's lattice."""
     finest = int(np.argmin([round(_cell_m(whole), 3) for whole in wholes]))
     base = wholes[finest]
@@ -138,7 +140,10 @@ def _brought_together(wholes: Sequence[Whole], groups: Sequence[Sequence[Tile]])
                 f"{groups[finest][0].file.path} and {groups[i][0].file.path}: their CRS differ ({base.crs.name}, "
                 f"{whole.crs.name}) and PROJ has no operation between them; name one CRS for both with --crs, if it is one"
             )
-    ways = [_Way(base, shifts[finest], whole, shift) for whole, shift in zip(wholes, shifts, strict=True)]
+    ways = [
+        _LatticeMapping(base, shifts[finest], whole, shift)
+        for whole, shift in zip(wholes, shifts, strict=True)
+    ]
     low, high = (
         np.array(ends) for ends in zip(*(_extent(way) for way in ways), strict=True)
     )  # (n, 2) row, col
@@ -160,10 +165,12 @@ def _brought_together(wholes: Sequence[Whole], groups: Sequence[Sequence[Tile]])
         for i, group in enumerate(groups)
         if i != finest
     )
-    return Whole(z_m, base.transform @ Affine.translation(left, top), base.crs, notes)
+    return MergedLattice(z_m, base.transform @ Affine.translation(left, top), base.crs, notes)
 
 
-def _fill(z_m: NDArray[np.float32], way: _Way, low: Floats, high: Floats, top: int, left: int) -> None:
+def _fill(
+    z_m: NDArray[np.float32], way: _LatticeMapping, low: Floats, high: Floats, top: int, left: int
+) -> None:
     """The cells within a box (row, col) on the base lattice that have no elevation yet."""
     first_row, last_row = (
         max(int(np.floor(low[0])) - top, 0),
@@ -187,7 +194,7 @@ def _fill(z_m: NDArray[np.float32], way: _Way, low: Floats, high: Floats, top: i
 def _surface(z_m: NDArray[np.float32], row: Floats, col: Floats) -> Floats:
     """Bilinear elevations at positions (n,), carried on to just beyond the outer cells; NaN farther out."""
     rows, cols = z_m.shape
-    edge = 0.5 + BRIDGED_CELLS
+    edge = 0.5 + EXTRAPOLATED_CELLS
     inside = (row >= -edge) & (row <= rows - 1 + edge) & (col >= -edge) & (col <= cols - 1 + edge)
     r, c = np.where(inside, row, 0.0), np.where(inside, col, 0.0)
     r0 = np.floor(r).astype(np.int64).clip(0, rows - 2)
@@ -201,7 +208,7 @@ def _surface(z_m: NDArray[np.float32], row: Floats, col: Floats) -> Floats:
     return np.where(inside, out, np.nan)
 
 
-def _extent(way: _Way) -> tuple[Floats, Floats]:
+def _extent(way: _LatticeMapping) -> tuple[Floats, Floats]:
     """Lowest and highest row and col, (2,) each, of the other lattice's outer edge on the base lattice."""
     rows, cols = way.other.z_m.shape
     if way.other is way.base:
@@ -214,15 +221,17 @@ def _extent(way: _Way) -> tuple[Floats, Floats]:
 
 
 def _check_side_by_side(
-    low: Floats, high: Floats, base: Whole, finest: int, groups: Sequence[Sequence[Tile]]
+    low: Floats, high: Floats, base: MergedLattice, finest: int, groups: Sequence[Sequence[Tile]]
 ) -> None:
     """Refuses surfaces that lie over each other, and such as are nowhere near. ``low``, ``high``: (n, 2) on ``base``."""
     first = groups[0][0]
     near = bool(np.isfinite(low).all() and np.isfinite(high).all())
-    apart = unreached(low - BRIDGED_CELLS, high + BRIDGED_CELLS) if near else len(groups) - 1
+    apart = (
+        first_unconnected(low - EXTRAPOLATED_CELLS, high + EXTRAPOLATED_CELLS) if near else len(groups) - 1
+    )
     if apart is not None:
         other = groups[apart][0]
-        why = misfit(first, on_the_same_turn(first, other)) or ""
+        why = misfit(first, shifted_by_period(first, other)) or ""
         raise DemError(
             f"{other.file.path}: no overlap with {first.file.path} ({why}); the files of one DEM must overlap or "
             "adjoin"
@@ -234,20 +243,20 @@ def _check_side_by_side(
         smaller = min(np.prod(high[i] - low[i]), np.prod(high[finest] - low[finest]))
         if bool((size > 0.0).all()) and float(np.prod(size)) > MOST_OVERLAP * smaller:
             tile = groups[finest][0]
-            why = misfit(tile, on_the_same_turn(tile, group[0])) or "they lie on different lattices"
+            why = misfit(tile, shifted_by_period(tile, group[0])) or "they lie on different lattices"
             raise DemError(
                 f"{tile.file.path} and {group[0].file.path}: {why}, and they lie over each other; put one on "
                 f"the other's lattice with {_warp_command(base, group[0], low[i], high[i])}"
             )
 
 
-def _shift(whole: Whole) -> DatumShift:
+def _shift(whole: MergedLattice) -> DatumShift:
     rows, cols = whole.z_m.shape
     row, col = np.array([0.0, 0.0, rows - 1.0, rows - 1.0]), np.array([0.0, cols - 1.0, 0.0, cols - 1.0])
     return datum_shift(whole.crs, *lattice_xy(whole.transform, row, col))
 
 
-def _cell_m(whole: Whole) -> float:
+def _cell_m(whole: MergedLattice) -> float:
     """The shorter side of the middle cell."""
     rows, cols = whole.z_m.shape
     row, col = (rows - 1) / 2, (cols - 1) / 2

@@ -22,7 +22,7 @@ _NAMES = {
 }
 
 
-UNSAID = ("", "unspecified", "unknown", "undefined", "none", "n/a", "unitless", "1")
+UNSTATED = ("", "unspecified", "unknown", "undefined", "none", "n/a", "unitless", "1")
 """What files say who say nothing of their unit."""
 
 

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
-from localizer.dem.geodesy import after, bounds_deg, lonlat_to_rowcol, rowcol_to_lonlat
-from localizer.dem.horizon import NEAR_CELLS, Terrain, at_rim, horizon
+from localizer.dem.geodesy import bounds_deg, geodesic_end, lonlat_to_rowcol, rowcol_to_lonlat
+from localizer.dem.horizon import NEAR_CELLS, Terrain, at_dem_edge, horizon
 from localizer.dem.lattice import Dem
 from localizer.errors import SkyfixError
 
@@ -109,7 +109,7 @@ def view(terrain: Terrain, place: Standpoint, azimuth_deg: float, width_deg: flo
     hidden_up_to_m = (
         place.altitude_m + np.tan(np.radians(elevation_deg)) * end_m + terrain.drop_per_m2 * end_m**2
     )
-    at_edge = at_rim(terrain, place.row, place.col, np.radians(azimuths_deg), distance_m)
+    at_edge = at_dem_edge(terrain, place.row, place.col, np.radians(azimuths_deg), distance_m)
     return View(
         azimuth_deg=azimuth_deg,
         width_deg=width_deg,
@@ -127,9 +127,11 @@ def along(
     terrain: Terrain, place: Standpoint, azimuth_deg: Floats, distance_m: Floats
 ) -> tuple[Floats, Floats]:
     """Row and col, elementwise, after so many metres along geodesics in true azimuths from a place."""
-    frame = terrain.frames.at(place.row, place.col)[0]
+    coefficients = terrain.geodesics.at(place.row, place.col)[0]
     azimuth = np.radians(azimuth_deg)
-    return after(frame, place.row, place.col, distance_m * np.sin(azimuth), distance_m * np.cos(azimuth))
+    return geodesic_end(
+        coefficients, place.row, place.col, distance_m * np.sin(azimuth), distance_m * np.cos(azimuth)
+    )
 
 
 def _end_of_terrain_m(terrain: Terrain, place: Standpoint, azimuth_deg: Floats) -> Floats:

@@ -15,28 +15,28 @@ from localizer.fix import Reason, Status
 from localizer.search.fit.refine import Refined
 from localizer.search.reasons import (
     contradicted,
-    fits_nowhere,
     large_dem_error,
+    large_uncertainty,
+    no_match,
     several_places,
     weak_evidence,
-    wide_place,
 )
 
-CERTAIN = 0.99
+FIX_PROBABILITY = 0.99
 """Posterior probability from which one place stands out."""
 LEAST_INLIERS = 0.6
 """Share of the columns that a believable place explains within three sigma."""
 LEAST_EVIDENCE = 15.0
 """Logarithm of how much better than chance a place must explain the skyline: a whole DEM is a million chances."""
-SHARPNESS = 0.5
+TEMPERING_EXPONENT = 0.5
 """Places are told apart by so much of their log-odds: the model of the errors is only about right."""
-PEAK_CELLS = 0.1
+LEAST_MODE_SIGMA_CELLS = 0.1
 """No peak is narrower: between the cells the surface is a guess."""
-CERTAIN_EVIDENCE = 25.0
+FIX_EVIDENCE = 25.0
 """And this much for the best place to be called the only one."""
 MOST_PRIOR_SIGMAS = 7.0
 """No reading is further off than this."""
-WIDEST_FIX_CELLS = 5.0
+LARGEST_FIX_SIGMA_CELLS = 5.0
 """A place known no better than this, in standard deviations, is not one place."""
 NEGLIGIBLE = 1e-4
 
@@ -56,17 +56,17 @@ class Decision:
     """None for a fix."""
 
 
-def explains(candidate: Refined, largest_dem_error_m: float, priors: int) -> bool:
+def is_plausible(candidate: Refined, largest_dem_error_m: float, priors: int) -> bool:
     """Whether the terrain seen from this place explains what was observed."""
-    return objection(candidate, largest_dem_error_m, priors, np.inf) is None
+    return rejection_reason(candidate, largest_dem_error_m, priors, np.inf) is None
 
 
-def objection(
+def rejection_reason(
     candidate: Refined, largest_dem_error_m: float, priors: int, skyline_deg: float
 ) -> Reason | None:
     """What speaks against a place by itself; ``skyline_deg``: how much of the horizon was seen."""
     if candidate.evidence < LEAST_EVIDENCE:
-        return fits_nowhere(skyline_deg)
+        return no_match(skyline_deg)
     if candidate.dem_error_m >= 0.98 * largest_dem_error_m:
         return large_dem_error(candidate.dem_error_m)
     if candidate.inlier_share < LEAST_INLIERS or candidate.prior_chi2 >= MOST_PRIOR_SIGMAS**2 + priors:
@@ -76,8 +76,8 @@ def objection(
 
 def log_mass(compared: Refined, cell_m: float) -> float:
     """Logarithm of a place's probability but for a constant: how high its peak is, and how wide."""
-    wide_m2 = compared.covariance_enu_m2 + np.eye(2) * (PEAK_CELLS * cell_m) ** 2
-    return SHARPNESS * compared.log_odds + 0.5 * float(np.linalg.slogdet(wide_m2)[1])
+    wide_m2 = compared.covariance_enu_m2 + np.eye(2) * (LEAST_MODE_SIGMA_CELLS * cell_m) ** 2
+    return TEMPERING_EXPONENT * compared.log_odds + 0.5 * float(np.linalg.slogdet(wide_m2)[1])
 
 
 def decide(masses: Sequence[float], places: Sequence[Refined], cell_m: float, elsewhere: float) -> Decision:
@@ -89,12 +89,12 @@ def decide(masses: Sequence[float], places: Sequence[Refined], cell_m: float, el
     weight = np.exp(np.array(masses) - max(masses))
     probability = weight / (weight.sum() + elsewhere)
     kept = [i for i in range(len(places)) if i == 0 or probability[i] >= NEGLIGIBLE]
-    if probability[0] < CERTAIN:
+    if probability[0] < FIX_PROBABILITY:
         reason: Reason | None = several_places(len(kept))
-    elif places[0].evidence < CERTAIN_EVIDENCE:
-        reason = weak_evidence(places[0].evidence, CERTAIN_EVIDENCE)
+    elif places[0].evidence < FIX_EVIDENCE:
+        reason = weak_evidence(places[0].evidence, FIX_EVIDENCE)
     else:
-        reason = _too_wide(places[0], cell_m)
+        reason = _too_uncertain(places[0], cell_m)
     return Decision(
         status="ambiguous" if reason else "fix",
         candidates=[places[i] for i in kept],
@@ -104,18 +104,18 @@ def decide(masses: Sequence[float], places: Sequence[Refined], cell_m: float, el
     )
 
 
-def nowhere(reason: Reason) -> Decision:
+def no_place(reason: Reason) -> Decision:
     """No place is believed."""
     return Decision("none", [], np.zeros(0), 1.0, reason)
 
 
-def answered_with(decision: Decision, best: Refined, cell_m: float) -> Decision:
+def with_refined_best(decision: Decision, best: Refined, cell_m: float) -> Decision:
     """The same with the likeliest candidate as it was refined in the end; no ``fix`` where that is known too vaguely."""
-    reason = decision.reason or _too_wide(best, cell_m)
+    reason = decision.reason or _too_uncertain(best, cell_m)
     status: Status = "ambiguous" if decision.status == "fix" and reason else decision.status
     return replace(decision, status=status, candidates=[best, *decision.candidates[1:]], reason=reason)
 
 
-def _too_wide(candidate: Refined, cell_m: float) -> Reason | None:
+def _too_uncertain(candidate: Refined, cell_m: float) -> Reason | None:
     widest_m = float(np.sqrt(np.linalg.eigvalsh(candidate.covariance_enu_m2)[-1]))
-    return wide_place(widest_m) if widest_m > WIDEST_FIX_CELLS * cell_m else None
+    return large_uncertainty(widest_m) if widest_m > LARGEST_FIX_SIGMA_CELLS * cell_m else None

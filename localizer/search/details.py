@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from localizer.fix import Fix
 
-CONTRADICTS = 0.4
+INCONSISTENT_BELOW = 0.4
 """A frame of which less than this share of the columns fits a place contradicts it."""
 
 
@@ -33,16 +33,16 @@ class FrameDetail:
     """Share of the columns used that fit the place found, by what the sensors say; None where there is no telling."""
     left_out: bool = False
     """Whether the search did without this frame, because it contradicts the others."""
-    rim_share: float = 0.0
+    dem_edge_share: float = 0.0
     """Of the horizon as seen from the fix, the share that lies where the DEM ends and tells nothing."""
-    quarters: int = 0
+    quarter_turns: int = 0
     """By so many quarters clockwise the frame is turned to have its sky up."""
 
     def turned_px(
         self, u_px: NDArray[np.float64], v_px: NDArray[np.float64], height_px: int = 0, width_px: int = 0
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Column and row, in the frame turned so, of pixels of the frame as recorded; without its size but for a constant."""
-        for _ in range(self.quarters):
+        for _ in range(self.quarter_turns):
             u_px, v_px, width_px, height_px = height_px - 1.0 - v_px, u_px, height_px, width_px
         return u_px, v_px
 

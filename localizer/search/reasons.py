@@ -25,7 +25,7 @@ def no_ground_at_altitude(altitude_m: float) -> Reason:
     )
 
 
-def fits_nowhere(skyline_deg: float) -> Reason:
+def no_match(skyline_deg: float) -> Reason:
     """No place explains the skyline better than chance."""
     if skyline_deg < LITTLE_SKYLINE_DEG:
         return Reason(
@@ -38,7 +38,7 @@ def fits_nowhere(skyline_deg: float) -> Reason:
     )
 
 
-def off_the_dem() -> Reason:
+def beyond_dem() -> Reason:
     """The best place lies where the DEM has no cell."""
     return Reason(
         code="outside",
@@ -88,7 +88,7 @@ def weak_evidence(evidence: float, wanted: float) -> Reason:
     )
 
 
-def wide_place(widest_m: float) -> Reason:
+def large_uncertainty(widest_m: float) -> Reason:
     """One place that is known too vaguely."""
     return Reason(
         code="too_little_skyline",
@@ -97,7 +97,7 @@ def wide_place(widest_m: float) -> Reason:
     )
 
 
-def off_the_way() -> Reason:
+def excluded_by_track() -> Reason:
     """What is seen fits places that the drive rules out."""
     return Reason(
         code="contradicted",

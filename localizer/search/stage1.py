@@ -120,7 +120,7 @@ def search_stage1(
             relief,
             terrain.highest_m,
             terrain.drop_per_m2,
-            terrain.frames.at(row, col),
+            terrain.geodesics.at(row, col),
             row,
             col,
             eye,
@@ -143,7 +143,7 @@ def _search_direction(
     relief: Heights,
     highest: float,
     drop: float,
-    frames: Floats,
+    coefficients: Floats,
     row: Floats,
     col: Floats,
     eye: Floats,
@@ -162,11 +162,15 @@ def _search_direction(
         top = max(top, high[k])
     east, north = np.sin(azimuth), np.cos(azimuth)
     for n in numba.prange(cameras):
-        frame = frames[n]
-        row_1 = frame[0, 0] * east + frame[0, 1] * north
-        row_2 = frame[0, 2] * east * east + frame[0, 3] * east * north + frame[0, 4] * north * north
-        col_1 = frame[1, 0] * east + frame[1, 1] * north
-        col_2 = frame[1, 2] * east * east + frame[1, 3] * east * north + frame[1, 4] * north * north
+        of_camera = coefficients[n]
+        row_1 = of_camera[0, 0] * east + of_camera[0, 1] * north
+        row_2 = (
+            of_camera[0, 2] * east * east + of_camera[0, 3] * east * north + of_camera[0, 4] * north * north
+        )
+        col_1 = of_camera[1, 0] * east + of_camera[1, 1] * north
+        col_2 = (
+            of_camera[1, 2] * east * east + of_camera[1, 3] * east * north + of_camera[1, 4] * north * north
+        )
         along_rows = abs(row_1) > abs(col_1)
         a1, a2, b1, b2 = (row_1, row_2, col_1, col_2) if along_rows else (col_1, col_2, row_1, row_2)
         start, minor_start = (row[n], col[n]) if along_rows else (col[n], row[n])

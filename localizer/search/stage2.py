@@ -18,12 +18,12 @@ from localizer.search.contours import BINS, STEP_DEG, MeasuredSkyline
 Floats = NDArray[np.float64]
 Cells = NDArray[np.int64]
 
-SATURATION = 4.0
+GEMAN_MCCLURE_SIGMAS = 4.0
 """Sigmas at which a column's disparity stops to grow (Geman-McClure)."""
 
 
 @dataclass(frozen=True)
-class Scored:
+class ScoredCells:
     """Cells (n, 2) with their disparity (n,), lowest first, and the heading's bias that gave it.
 
     The disparity is the mean over the columns of the negative logarithm of their likelihood.
@@ -44,7 +44,7 @@ def search_stage2(
     azimuth_bias_sigma_deg: float,
     dem_error_m: float,
     every_deg: float,
-) -> Scored:
+) -> ScoredCells:
     """Disparity of each cell over columns ``every_deg`` apart; ``eye_m`` (n,) the camera's altitude there."""
     shifts = np.round(offsets_deg / STEP_DEG).astype(np.int64)
     seen = np.isfinite(skyline.elevation_deg)
@@ -67,7 +67,7 @@ def search_stage2(
         terrain.col_blocks,
         terrain.highest_m,
         terrain.drop_per_m2,
-        terrain.frames.at(row, col),
+        terrain.geodesics.at(row, col),
         row,
         col,
         eye_m,
@@ -80,7 +80,7 @@ def search_stage2(
         np.radians(STEP_DEG),
     )
     order = _by_disparity(cells, disparity)
-    return Scored(cells[order], disparity[order], offsets_deg[best[order]])
+    return ScoredCells(cells[order], disparity[order], offsets_deg[best[order]])
 
 
 @kernel(parallel=True)
@@ -91,7 +91,7 @@ def _disparities(
     col_blocks: Heights,
     highest: float,
     drop: float,
-    frames: Floats,
+    coefficients: Floats,
     row: Floats,
     col: Floats,
     eye: Floats,
@@ -119,7 +119,7 @@ def _disparities(
                 col_blocks,
                 highest,
                 drop,
-                frames[n],
+                coefficients[n],
                 row[n],
                 col[n],
                 eye[n],
@@ -142,7 +142,10 @@ def _disparities(
                 variance = sigma[at] * sigma[at] + spread * spread
                 residual = (observed - horizon[m]) ** 2 / variance
                 # A place that predicts vaguely must not win by being vague: hence the logarithm.
-                total += 0.5 * (residual / (1.0 + residual / (SATURATION * SATURATION)) + np.log(variance))
+                total += 0.5 * (
+                    residual / (1.0 + residual / (GEMAN_MCCLURE_SIGMAS * GEMAN_MCCLURE_SIGMAS))
+                    + np.log(variance)
+                )
             if count == 0:
                 continue
             disparity = total / count + prior[k] / count
@@ -151,7 +154,7 @@ def _disparities(
     return lowest, which
 
 
-def apart(scored: Scored, keep: int, radius_cells: float) -> NDArray[np.int64]:
+def suppress_neighbours(scored: ScoredCells, keep: int, radius_cells: float) -> NDArray[np.int64]:
     """Indices of the best cells of which no two lie within ``radius_cells`` of each other, ``keep`` at most, the best first."""
     chosen: list[int] = []
     for i in _by_disparity(scored.cells, scored.disparity):

@@ -77,7 +77,7 @@ def _draw_residuals(
     known = np.abs(residual_px[frame.used & np.isfinite(residual_px)])
     # a few stray columns must not flatten all others
     reach_px = max(LEAST_RESIDUAL_RANGE_PX, 1.3 * float(np.percentile(known, 98)) if known.size else 0.0)
-    axes.set_xlim(-0.5, (height_px if frame.quarters % 2 else width_px) - 0.5)
+    axes.set_xlim(-0.5, (height_px if frame.quarter_turns % 2 else width_px) - 0.5)
     axes.set_ylim(-reach_px, reach_px)
     axes.set_xlabel("column, px", fontsize=9, labelpad=1)
     axes.set_ylabel("found above\npredicted, px", fontsize=8, labelpad=1)

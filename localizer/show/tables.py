@@ -7,7 +7,7 @@ import numpy as np
 
 from localizer.bundle import Bundle
 from localizer.observation import NO_COMPASS_SIGMA_DEG
-from localizer.search.details import CONTRADICTS, FrameDetail, LocateResult, SolvedErrors
+from localizer.search.details import INCONSISTENT_BELOW, FrameDetail, LocateResult, SolvedErrors
 from localizer.show.candidates import Place
 
 FAR_SIGMAS = 3.0
@@ -125,7 +125,7 @@ def frame_table(result: LocateResult, bundle: Bundle) -> Table:
     """How much of each frame's skyline was found, used and explained, and the frame's own errors."""
     rows: list[tuple[Cell | str, ...]] = []
     for detail, frame in zip(result.details.frames, bundle.frames, strict=True):
-        width_px = bundle.camera.height_px if detail.quarters % 2 else bundle.camera.width_px
+        width_px = bundle.camera.height_px if detail.quarter_turns % 2 else bundle.camera.width_px
         residual_px = result.fix.residual.get(frame.label)
         row: list[Cell | str] = [
             frame.label,
@@ -162,7 +162,7 @@ def _agreement(frame: FrameDetail) -> Cell:
     if frame.agreement is None:
         return Cell("left out" if frame.left_out else "", far=frame.left_out)
     share = f"{100.0 * frame.agreement:.0f} %"
-    return Cell(f"{share}, left out" if frame.left_out else share, far=frame.agreement < CONTRADICTS)
+    return Cell(f"{share}, left out" if frame.left_out else share, far=frame.agreement < INCONSISTENT_BELOW)
 
 
 def fit_table(errors: SolvedErrors) -> Table:

@@ -8,14 +8,14 @@ from localizer.dem.geodesy import meridian_convergence_deg
 from localizer.dem.ground import ground_offset_m, map_metres
 from localizer.dem.lattice import Dem
 from localizer.fix import Fix, Position, ellipse, lat_lon
-from localizer.search.details import CONTRADICTS, LocateDetails, LocateResult
-from localizer.search.doubts import altitude_note, reason_note
+from localizer.search.altitude_reference import altitude_note, reason_note
+from localizer.search.details import INCONSISTENT_BELOW, LocateDetails, LocateResult
 from localizer.truth import Truth
 
 CHI2_95 = 5.991
 """95 % of a normal distribution in the plane lies within this squared distance in sigmas."""
 
-MUCH_AT_RIM = 0.2
+NOTED_DEM_EDGE_SHARE = 0.2
 NOTED_SCALE = 0.01
 """Where a map's metre differs by more, it is said."""
 
@@ -91,11 +91,11 @@ def frame_notes(details: LocateDetails) -> list[str]:
                 f"frame {frame.label}: left out, for it contradicts the others; {share} of its skyline fits the place "
                 "that they agree on; look at its picture, azimuth, tilt and roll"
             )
-        elif frame.agreement is not None and frame.agreement < CONTRADICTS:
+        elif frame.agreement is not None and frame.agreement < INCONSISTENT_BELOW:
             notes.append(f"frame {frame.label}: only {share} of its skyline fits the place found")
-        if frame.rim_share > MUCH_AT_RIM:
+        if frame.dem_edge_share > NOTED_DEM_EDGE_SHARE:
             notes.append(
-                f"frame {frame.label}: {frame.rim_share:.0%} of its horizon lies where the DEM ends or has voids, and "
+                f"frame {frame.label}: {frame.dem_edge_share:.0%} of its horizon lies where the DEM ends or has voids, and "
                 "tells nothing; a DEM that goes on there would help"
             )
     return notes

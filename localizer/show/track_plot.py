@@ -20,8 +20,8 @@ from localizer.show.plot import TRUE_MARKS
 from localizer.show.relief import dem_bounds_m, draw_relief
 from localizer.show.text import CHI2_95
 from localizer.track.document import TrackHypothesis, TrackLine, track_line
+from localizer.track.gaussian_place import matrix
 from localizer.track.odometry import Odometry
-from localizer.track.places import matrix
 from localizer.track.tracker import Step
 from localizer.truth import Truth
 

@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from localizer.skyline.edge_position import refine_edge
-from localizer.skyline.lookalikes import lookalikes
-from localizer.skyline.paper_border import inside_border
-from localizer.skyline.protrusions import standing_out
+from localizer.skyline.false_boundaries import false_boundary_columns
+from localizer.skyline.foreground_objects import foreground_columns
+from localizer.skyline.reduced_image import ReducedImage, reduce_image
+from localizer.skyline.scan_border import inside_border
 from localizer.skyline.sky_boundary import SkyBoundary, trace_boundary
-from localizer.skyline.work_image import WorkImage, reduce_image
 
 CONFIDENT = 0.5
 """Columns with at least this confidence are what the search uses."""
@@ -98,8 +98,8 @@ def _in_picture(image_bgr: NDArray[np.uint8]) -> Skyline:
     edge = refine_edge(image_bgr, np.clip(rough_px, 0.5, height - 1.5), work.scale_y)
 
     confidence = _likelihood(frame_odds + 2.5) * _likelihood(_column_log_odds(boundary) - 2.6)[nearest]
-    doubtful = boundary.contested | lookalikes(work, boundary)
-    confidence[standing_out(edge.row_px) | doubtful[nearest]] *= _IN_DOUBT
+    doubtful = boundary.contested | false_boundary_columns(work, boundary)
+    confidence[foreground_columns(edge.row_px) | doubtful[nearest]] *= _IN_DOUBT
     state = np.where(confidence >= CONFIDENT, ColumnState.OK, ColumnState.DOUBTFUL).astype(np.uint8)
     state[boundary.row[nearest] < 2] = ColumnState.NO_SKY
     state[boundary.row[nearest] > h - 2] = ColumnState.NO_TERRAIN
@@ -125,7 +125,7 @@ def _without(width: int, state: ColumnState) -> Skyline:
     )
 
 
-def _all_terrain(work: WorkImage) -> bool:
+def _all_terrain(work: ReducedImage) -> bool:
     """Whether a picture without a skyline shows terrain (or nothing, it being dark) rather than sky, by logistic regression."""
     rough, bright, blue = np.median(work.texture), np.median(work.bright), np.median(work.blueness)
     return bool(2.3 + 1.9 * rough - 6.8 * bright - 7.7 * blue > 0)

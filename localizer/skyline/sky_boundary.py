@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from localizer.jit import kernel
 from localizer.skyline.boundary_path import min_marginals
-from localizer.skyline.sky_colour import first_guess, fitted_odds
-from localizer.skyline.work_image import Floats, WorkImage
+from localizer.skyline.reduced_image import Floats, ReducedImage
+from localizer.skyline.sky_colour import fitted_odds, generic_odds
 
 # What follows was tuned on half of a set of photographs and rendered pictures. Costs are per column, or per pixel of one.
 _NO_EDGE = 5.0
@@ -78,12 +78,12 @@ class SkyBoundary:
     guess: Floats
 
 
-def trace_boundary(work: WorkImage) -> SkyBoundary:
+def trace_boundary(work: ReducedImage) -> SkyBoundary:
     """Trace the boundary with the first guess of what sky looks like, then with models fitted to either side of it."""
     h, w = work.texture.shape
     strength, noise = edge_strength(work.step)
     side = _side_cost(work.lab, (4 * noise) ** 2)
-    guess = first_guess(work)
+    guess = generic_odds(work)
 
     def total_cost(odds: Floats) -> Floats:
         return min_marginals(_boundary_cost(strength, odds), side)

@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from localizer.jit import kernel
-from localizer.skyline.work_image import Floats, WorkImage
+from localizer.skyline.reduced_image import Floats, ReducedImage
 
 _COLOUR_BINS = 15
 _TEXTURE_BINS = 12
 _SAMPLE_EVERY = 5
 
 
-def first_guess(work: WorkImage) -> Floats:
+def generic_odds(work: ReducedImage) -> Floats:
     """Log odds terrain : sky per pixel from what holds for most pictures; (h, w)."""
     h = work.texture.shape[0]
     row = np.arange(h, dtype=np.float32)[:, None] / h
@@ -30,7 +30,7 @@ def first_guess(work: WorkImage) -> Floats:
     return np.asarray(odds + np.float32(0.4) * row - np.float32(0.35), np.float32)
 
 
-def fitted_odds(work: WorkImage, boundary: NDArray[np.int64], surely_sky: float) -> Floats:
+def fitted_odds(work: ReducedImage, boundary: NDArray[np.int64], surely_sky: float) -> Floats:
     """Log odds terrain : sky per pixel from models fitted on either side of `boundary` (w rows); (h, w).
 
     Only the share `surely_sky` of what lies above the boundary, from the top, makes the sky's model: if the lowest part

@@ -18,27 +18,27 @@ Floats = NDArray[np.float64]
 class Upright(NamedTuple):
     """A frame as it is once turned: ``quarters`` of a turn clockwise."""
 
-    quarters: int
+    quarter_turns: int
     camera: Camera
     roll_deg: float
 
     def as_recorded(self, u_px: Floats, v_px: Floats) -> tuple[Floats, Floats]:
         """Pixels of the frame as recorded, of such as it is turned."""
         width, height = self.camera.width_px, self.camera.height_px
-        for _ in range(self.quarters):
+        for _ in range(self.quarter_turns):
             u_px, v_px, width, height = v_px, width - 1.0 - u_px, height, width
         return u_px, v_px
 
 
-def quarters_of(roll_deg: float) -> int:
+def quarter_turns_of(roll_deg: float) -> int:
     """By how many quarters clockwise a picture is turned, 0 to 3: a camera turned clockwise sees the world turned back."""
     return round(roll_deg / 90.0) % 4
 
 
 def upright(camera: Camera, roll_deg: float) -> Upright:
     """The camera that would have taken the turned picture, and what is left of the roll."""
-    quarters = quarters_of(roll_deg)
-    for _ in range(quarters):
+    quarter_turns = quarter_turns_of(roll_deg)
+    for _ in range(quarter_turns):
         k1, k2, p1, p2, k3 = camera.distortion
         camera = camera.model_copy(
             update={
@@ -52,10 +52,10 @@ def upright(camera: Camera, roll_deg: float) -> Upright:
                 "distortion": (k1, k2, p2, -p1, k3),
             }
         )
-    return Upright(quarters, camera, (roll_deg - 90.0 * quarters + 180.0) % 360.0 - 180.0)
+    return Upright(quarter_turns, camera, (roll_deg - 90.0 * quarter_turns + 180.0) % 360.0 - 180.0)
 
 
 def frame_skyline(bundle: Bundle, frame: Frame) -> Skyline:
     """The skyline in a frame's picture, in the pixels of the turned one. Raises ``BundleError``."""
     picture = frame_image(bundle, frame)
-    return find_skyline(np.ascontiguousarray(np.rot90(picture, -quarters_of(frame.roll_deg))))
+    return find_skyline(np.ascontiguousarray(np.rot90(picture, -quarter_turns_of(frame.roll_deg))))

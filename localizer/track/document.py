@@ -9,8 +9,8 @@ from localizer.dem.crs import wrapped_lon_deg
 from localizer.dem.geodesy import lonlat_to_rowcol, map_metres_at, rowcol_to_metric
 from localizer.dem.lattice import Dem
 from localizer.fix import Fix, Probability, ellipse, lat_lon
+from localizer.track.gaussian_place import Matrix, matrix
 from localizer.track.mixture import Posterior
-from localizer.track.places import Matrix, matrix
 from localizer.track.tracker import Mode, Step
 
 

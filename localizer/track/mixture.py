@@ -17,12 +17,12 @@ from pydantic import BaseModel, ConfigDict
 
 from localizer.fix import Probability
 from localizer.search.decide import LEAST_EVIDENCE
+from localizer.track.gaussian_place import Place, fuse, log_density, merged, moved, offset_m
 from localizer.track.odometry import Movement
-from localizer.track.places import Place, fuse, log_density, merged, moved, offset_m
 
-ODOMETRY_FAILS = 0.01
+ODOMETRY_FAILURE_PROBABILITY = 0.01
 """Probability, for each leg, that the odometry is wrong beyond its sigmas: slipped, towed, restarted."""
-EVIDENCE_WORTH = 8.0
+EVIDENCE_TEMPERATURE = 8.0
 """So much evidence of a look makes it e times likelier to be right. It is not 1, since an error of the DEM speaks for a wrong
 place in many columns at once."""
 SMALLEST_WEIGHT = 1e-7
@@ -90,9 +90,11 @@ class Posterior:
     number: int | None
 
 
-def chance_of(evidence: float) -> float:
+def outlier_probability(evidence: float) -> float:
     """The probability that images which a place explains by that much show another: even odds where a look is just believed."""
-    return float(1.0 / (1.0 + np.exp(np.clip((evidence - LEAST_EVIDENCE) / EVIDENCE_WORTH, -500.0, 500.0))))
+    return float(
+        1.0 / (1.0 + np.exp(np.clip((evidence - LEAST_EVIDENCE) / EVIDENCE_TEMPERATURE, -500.0, 500.0)))
+    )
 
 
 def predict(mixture: Mixture, movement: Movement | None, area_m2: float) -> Mixture:
@@ -106,7 +108,7 @@ def predict(mixture: Mixture, movement: Movement | None, area_m2: float) -> Mixt
             kept.append(
                 Hypothesis(
                     place=place,
-                    probability=(1.0 - ODOMETRY_FAILS) * h.probability,
+                    probability=(1.0 - ODOMETRY_FAILURE_PROBABILITY) * h.probability,
                     evidence=h.evidence,
                 )
             )
@@ -136,7 +138,7 @@ def update(mixture: Mixture, look: Look) -> tuple[Posterior, ...]:
         for share, pair in zip(shares[1:], pairs[1:], strict=True)
         if share >= SMALLEST_WEIGHT
     ]
-    return _gathered(parts, look.same_m)
+    return _merged_posteriors(parts, look.same_m)
 
 
 def _joined(known: Hypothesis | None, seen: Seen | None) -> Posterior:
@@ -158,14 +160,14 @@ def mixture_of(posteriors: Sequence[Posterior]) -> Mixture:
     return Mixture(hypotheses=tuple(p.hypothesis for p in posteriors))
 
 
-def _gathered(parts: list[tuple[float, Posterior]], same_m: float) -> tuple[Posterior, ...]:
+def _merged_posteriors(parts: list[tuple[float, Posterior]], same_m: float) -> tuple[Posterior, ...]:
     """The weights as probabilities, with those that are one place made one, around the heaviest of them."""
     # by place where weights are equal, so that the order of the hypotheses does not matter
     rest = sorted(parts, key=lambda s: (-s[0], s[1].hypothesis.place.lat_deg, s[1].hypothesis.place.lon_deg))
     groups: list[list[tuple[float, Posterior]]] = []
     for share, part in rest:
         for group in groups:
-            if _alike(group[0][1], part, same_m):
+            if _same_place(group[0][1], part, same_m):
                 group.append((share, part))
                 break
         else:
@@ -184,7 +186,7 @@ def _gathered(parts: list[tuple[float, Posterior]], same_m: float) -> tuple[Post
     return tuple(posteriors[:MOST_HYPOTHESES])
 
 
-def _alike(first: Posterior, second: Posterior, same_m: float) -> bool:
+def _same_place(first: Posterior, second: Posterior, same_m: float) -> bool:
     """Whether both are one place. What the look did not show stays apart from what it showed: it may be far wider."""
     if (first.number is None) != (second.number is None):
         return False

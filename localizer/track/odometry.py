@@ -21,7 +21,7 @@ from pydantic import BaseModel, ConfigDict, Field, JsonValue, TypeAdapter, Valid
 from localizer.documents import MOST_JSON_BYTES, DocumentError, json_text, read_file
 from localizer.errors import SkyfixError
 from localizer.os_errors import why_not_read
-from localizer.track.places import Matrix
+from localizer.track.gaussian_place import Matrix
 
 Floats = NDArray[np.float64]
 

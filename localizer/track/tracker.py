@@ -23,48 +23,55 @@ from localizer.documents import DocumentError, json_text
 from localizer.errors import SkyfixError
 from localizer.fix import Fix
 from localizer.observation import Observation, PriorCircle
+from localizer.search.altitude_reference import diagnose_altimeter, with_datum_uncertainty
 from localizer.search.answer import Located, fix_of
-from localizer.search.contradiction import Settled, settle_frames
-from localizer.search.decide import CERTAIN, CERTAIN_EVIDENCE, NEGLIGIBLE, WIDEST_FIX_CELLS, Decision, nowhere
-from localizer.search.doubts import altitude_as_trusted, without_altimeter
+from localizer.search.decide import (
+    FIX_EVIDENCE,
+    FIX_PROBABILITY,
+    LARGEST_FIX_SIGMA_CELLS,
+    NEGLIGIBLE,
+    Decision,
+    no_place,
+)
 from localizer.search.fit.local_optima import SAME_PLACE_CELLS
 from localizer.search.fit.refine import Refined
+from localizer.search.leave_one_out import CheckedAnswer, check_frames
 from localizer.search.locate import locate, observe
-from localizer.search.reasons import off_the_way, several_places
+from localizer.search.reasons import excluded_by_track, several_places
 from localizer.skyline.upright import frame_skyline
+from localizer.track.gaussian_place import GEOD, Place, place
 from localizer.track.mixture import (
     Hypothesis,
     Look,
     Mixture,
     Posterior,
     Seen,
-    chance_of,
     mixture_of,
+    outlier_probability,
     predict,
     update,
 )
 from localizer.track.odometry import Movement
-from localizer.track.places import GEOD, Place, place
 
 Mode = Literal["bootstrap", "whole DEM", "whole DEM after bootstrap failed"]
 
-COMMON_SHARE = 0.5
+COMMON_COVARIANCE_SHARE = 0.5
 """Of a look's covariance that looks from places near by may share: DEM, lens, refraction."""
-FLOOR_CELLS = 0.25
+UNMODELLED_ERROR_CELLS = 0.25
 """Two looks whose places differ by this much more than their sigmas say do not contradict each other."""
 SAME_SPOT_CELLS, SAME_SPOT_M = 2.0, 50.0
 """Moved by less than either, a vehicle sees the same again."""
-SURE = 0.9
+BOOTSTRAP_PROBABILITY = 0.9
 """Probability from which a place is worth a search around it alone."""
 RADIUS_SIGMAS, RADIUS_CELLS = 5.0, 5.0
 """Of the circle that is searched."""
-INSIDE = 0.9
+INNER_RADIUS_SHARE = 0.9
 """Of its radius: a place nearer its edge may only be the way to one outside."""
-SEARCHED_ANEW_S = 30.0
+LONGEST_REPEATED_SEARCH_S = 30.0
 """A search that took longer is not made anew without the altimeter: a vehicle waits for the answer."""
 WIDEST_RADIUS_SHARE = 0.25
 """Of the DEM's side: a wider circle saves nothing."""
-EVIDENCE_KEPT = 0.95
+BOOTSTRAP_EVIDENCE_SHARE = 0.95
 """A true place explains one look about as well as the next; one found near a wrong place explains less. A search near by needs
 that share of the last look's evidence, or the whole DEM is asked."""
 
@@ -149,7 +156,7 @@ def follow(
     A look that fits no place leaves the moved hypotheses as they are, and its own answer is ``none``. ``terrain`` is prepared
     once for all steps.
     """
-    observation = altitude_as_trusted(observation, terrain.dem)
+    observation = with_datum_uncertainty(observation, terrain.dem)
     area_m2 = _area_m2(terrain)
     moved = _moved(tracker, leg, area_m2)
     mode, settled = _search(moved, terrain, observation)
@@ -157,8 +164,12 @@ def follow(
     timing = {**(timing_s or {}), **located.timing_s}
     if located.best is None:
         fix = fix_of(terrain, observation, located, bundle_id, timing)
-        fix = without_altimeter(
-            terrain, observation, fix, lambda o: locate(terrain, o, everywhere=False), SEARCHED_ANEW_S
+        fix = diagnose_altimeter(
+            terrain,
+            observation,
+            fix,
+            lambda o: locate(terrain, o, retry_all_cells=False),
+            LONGEST_REPEATED_SEARCH_S,
         )
         kept = tuple(Posterior(h, None) for h in moved.now.hypotheses)
         return Step(bundle_id, mode, fix, kept, moved, None)
@@ -195,22 +206,22 @@ def _moved(tracker: Tracker, leg: Movement | None, area_m2: float) -> Tracker:
     )
 
 
-def _search(tracker: Tracker, terrain: Terrain, observation: Observation) -> tuple[Mode, Settled]:
+def _search(tracker: Tracker, terrain: Terrain, observation: Observation) -> tuple[Mode, CheckedAnswer]:
     """Near the one place known, if there is one, else everywhere that the bundle itself allows."""
     circle = _circle(tracker, terrain)
     if circle is None:
         return "whole DEM", _settled(terrain, observation)
     near = _settled(terrain, dataclasses.replace(observation, prior=circle))
-    if _convinces(near.located, circle, tracker, terrain):
+    if _is_convincing(near.located, circle, tracker, terrain):
         return "bootstrap", near
     return "whole DEM after bootstrap failed", _settled(terrain, observation)
 
 
-def _settled(terrain: Terrain, observation: Observation) -> Settled:
+def _settled(terrain: Terrain, observation: Observation) -> CheckedAnswer:
     """The place, without a frame that contradicts the others."""
     located = locate(terrain, observation)
-    return settle_frames(
-        terrain, observation, located, lambda fewer: locate(terrain, fewer, everywhere=False)
+    return check_frames(
+        terrain, observation, located, lambda fewer: locate(terrain, fewer, retry_all_cells=False)
     )
 
 
@@ -219,20 +230,23 @@ def _circle(tracker: Tracker, terrain: Terrain) -> PriorCircle | None:
         return None
     first = tracker.now.hypotheses[0]
     radius_m = RADIUS_SIGMAS * first.place.widest_m + RADIUS_CELLS * terrain.cell_m
-    settled = first.probability >= SURE and first.evidence >= CERTAIN_EVIDENCE
+    settled = first.probability >= BOOTSTRAP_PROBABILITY and first.evidence >= FIX_EVIDENCE
     if not settled or radius_m > WIDEST_RADIUS_SHARE * np.sqrt(_area_m2(terrain)):
         return None
     return PriorCircle(first.place.lat_deg, first.place.lon_deg, radius_m)
 
 
-def _convinces(near: Located, circle: PriorCircle, tracker: Tracker, terrain: Terrain) -> bool:
+def _is_convincing(near: Located, circle: PriorCircle, tracker: Tracker, terrain: Terrain) -> bool:
     """Whether a search that saw only a circle may do without the rest of the DEM."""
     best = near.best
     if best is None or near.decision.status != "fix":
         return False
     lon_deg, lat_deg = (float(value) for value in rowcol_to_lonlat(terrain.dem, best.row, best.col))
     off_m = GEOD.inv(circle.lon_deg, circle.lat_deg, lon_deg, lat_deg)[2]
-    return bool(off_m <= INSIDE * circle.radius_m and best.evidence >= EVIDENCE_KEPT * tracker.look_evidence)
+    return bool(
+        off_m <= INNER_RADIUS_SHARE * circle.radius_m
+        and best.evidence >= BOOTSTRAP_EVIDENCE_SHARE * tracker.look_evidence
+    )
 
 
 def _look(
@@ -243,13 +257,13 @@ def _look(
     for number, (refined, probability) in enumerate(candidates):
         lon_deg, lat_deg = rowcol_to_lonlat(terrain.dem, refined.row, refined.col)
         covariance = refined.covariance_enu_m2
-        at = place(float(lat_deg), float(lon_deg), covariance, COMMON_SHARE * covariance)
+        at = place(float(lat_deg), float(lon_deg), covariance, COMMON_COVARIANCE_SHARE * covariance)
         seen.append(Seen(number, at, probability, refined.evidence))
     return Look(
         seen=tuple(seen),
-        chance=chance_of(located.best.evidence),
+        chance=outlier_probability(located.best.evidence),
         area_m2=area_m2,
-        floor_m=FLOOR_CELLS * terrain.cell_m,
+        floor_m=UNMODELLED_ERROR_CELLS * terrain.cell_m,
         same_m=SAME_PLACE_CELLS * terrain.cell_m,
     )
 
@@ -267,7 +281,7 @@ def _answer(
         if p.number is not None
     ]
     if not shown:
-        return dataclasses.replace(located, decision=nowhere(off_the_way()), best=None)
+        return dataclasses.replace(located, decision=no_place(excluded_by_track()), best=None)
     best, first = shown[0]
     status: Literal["fix", "ambiguous"] = "fix" if stands_out(first, terrain.cell_m) else "ambiguous"
     kept = [shown[0], *(s for s in shown[1:] if s[1].probability >= NEGLIGIBLE)]
@@ -288,9 +302,9 @@ def _answer(
 def stands_out(hypothesis: Hypothesis, cell_m: float) -> bool:
     """Whether it may be called a fix, by the same measures as a single look's."""
     return (
-        hypothesis.probability >= CERTAIN
-        and hypothesis.evidence >= CERTAIN_EVIDENCE
-        and hypothesis.place.widest_m <= WIDEST_FIX_CELLS * cell_m
+        hypothesis.probability >= FIX_PROBABILITY
+        and hypothesis.evidence >= FIX_EVIDENCE
+        and hypothesis.place.widest_m <= LARGEST_FIX_SIGMA_CELLS * cell_m
     )
 
 

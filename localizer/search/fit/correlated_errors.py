@@ -21,13 +21,13 @@ Floats = NDArray[np.float64]
 
 SIZE_STEP, LENGTH_STEP = 1.6, 2.0
 """Neighbouring models differ by these factors."""
-LENGTHS_CELLS = (2.0, 64.0)
+LENGTH_RANGE_CELLS = (2.0, 64.0)
 MOST_MODELS = 60
-ASTRAY = 6.0
+OUTLIER_NLL = 6.0
 """What it costs (in logarithms of probability) that a column is astray."""
-NEGLIGIBLE = 1e-3
+NEGLIGIBLE_SHARE = 1e-3
 """Models less likely than the best one by this factor are left out of the average."""
-_AROUND = (
+_NEIGHBOUR_STEPS = (
     *((-1, 0, 0), (1, 0, 0), (0, -1, 0), (0, 1, 0), (0, 0, -1), (0, 0, 1)),
     *((0, 1, 1), (0, -1, -1), (-1, 1, 0), (1, -1, 0)),
 )
@@ -54,7 +54,7 @@ class ErrorModel:
 
 
 @dataclass(frozen=True)
-class Range:
+class ModelRange:
     """What error models are thought of for a DEM of a certain cell size."""
 
     cell_m: float
@@ -62,9 +62,9 @@ class Range:
     least_smooth_m: float
     largest_m: float
 
-    def admits(self, model: ErrorModel) -> bool:
+    def contains(self, model: ErrorModel) -> bool:
         """Whether a model lies in the range."""
-        shortest, longest = LENGTHS_CELLS
+        shortest, longest = LENGTH_RANGE_CELLS
         return (
             self.least_rough_m <= model.rough_m <= self.largest_m
             and self.least_smooth_m <= model.smooth_m <= self.largest_m
@@ -93,85 +93,89 @@ class Columns:
     per_m: Floats
     step_m: Floats
     cell_m: float
-    prior: Floats
-    pull: Floats
+    prior_hessian: Floats
+    prior_gradient: Floats
 
 
 @dataclass(frozen=True)
-class Normal:
+class NormalEquations:
     """The parameters' posterior under one model: curvature (p, p), slope (p,), and the cost of where they are.
 
     ``log_evidence``: logarithm of the likelihood with the parameters integrated out, but for a constant.
     """
 
-    curvature: Floats
-    slope: Floats
-    cost: float
+    hessian: Floats
+    gradient: Floats
+    nll: float
     log_evidence: float
 
 
-def normal_equations(columns: Columns, model: ErrorModel, *, forgiving: bool = True) -> Normal:
+def normal_equations(columns: Columns, model: ErrorModel, *, robust: bool = True) -> NormalEquations:
     """Generalised least squares; the cost is as ``whitened_cost``, priors left out."""
     both = np.column_stack([columns.jacobian, columns.residual])
-    log_scale, price = _whitened(both, columns, model, forgiving)
+    half_log_determinant, outlier_nll = _whitened(both, columns, model, robust)
     product = both.T @ both
-    curvature = product[:-1, :-1] + columns.prior
-    slope = product[:-1, -1] + columns.pull
-    cost = 0.5 * float(product[-1, -1]) + price
-    sign, log_determinant = np.linalg.slogdet(curvature)
-    gain = 0.5 * float(slope @ np.linalg.solve(curvature, slope)) if sign > 0 else -np.inf
-    return Normal(curvature, slope, cost, gain - cost - log_scale - 0.5 * float(log_determinant))
+    hessian = product[:-1, :-1] + columns.prior_hessian
+    gradient = product[:-1, -1] + columns.prior_gradient
+    nll = 0.5 * float(product[-1, -1]) + outlier_nll
+    sign, log_determinant = np.linalg.slogdet(hessian)
+    gain = 0.5 * float(gradient @ np.linalg.solve(hessian, gradient)) if sign > 0 else -np.inf
+    return NormalEquations(
+        hessian, gradient, nll, gain - nll - half_log_determinant - 0.5 * float(log_determinant)
+    )
 
 
-def whitened_cost(columns: Columns, model: ErrorModel, *, forgiving: bool = True) -> float:
+def whitened_nll(columns: Columns, model: ErrorModel, *, robust: bool = True) -> float:
     """Half the sum of the squares of the whitened residuals, and the price of those astray.
 
     Unless ``forgiving``, none are: while a fit is still on its way, what looks astray is what shows the way.
     """
     residual = columns.residual[:, None].copy()
-    _, price = _whitened(residual, columns, model, forgiving)
-    return 0.5 * float((residual**2).sum()) + price
+    _, outlier_nll = _whitened(residual, columns, model, robust)
+    return 0.5 * float((residual**2).sum()) + outlier_nll
 
 
-def log_scale(columns: Columns, model: ErrorModel) -> float:
+def half_log_determinant(columns: Columns, model: ErrorModel) -> float:
     """Half the logarithm of the determinant of the residuals' covariance under a model."""
     return _whitened(np.zeros((len(columns.residual), 0)), columns, model, False)[0]
 
 
-def likely_models(columns: Columns, start: ErrorModel, within: Range) -> list[tuple[ErrorModel, Normal]]:
+def likely_error_models(
+    columns: Columns, start: ErrorModel, limits: ModelRange
+) -> list[tuple[ErrorModel, NormalEquations]]:
     """The most likely model near ``start`` and those about it that are not negligible, the best first.
 
     Climbs on a grid of models, evenly spaced in the logarithms of the sizes and the length.
     """
-    found: dict[tuple[int, ...], tuple[ErrorModel, Normal] | None] = {}
+    found: dict[tuple[int, ...], tuple[ErrorModel, NormalEquations] | None] = {}
 
-    def look(at: tuple[int, ...]) -> float:
+    def evidence_of(at: tuple[int, ...]) -> float:
         if at not in found:
             model = ErrorModel(
                 start.rough_m * SIZE_STEP ** at[0],
                 start.smooth_m * SIZE_STEP ** at[1],
                 start.length_m * LENGTH_STEP ** at[2],
             )
-            admitted = within.admits(model) or not any(at)
-            found[at] = (model, normal_equations(columns, model)) if admitted else None
+            inside = limits.contains(model) or not any(at)
+            found[at] = (model, normal_equations(columns, model)) if inside else None
         entry = found[at]
         return entry[1].log_evidence if entry else -np.inf
 
-    here: tuple[int, ...] = (0, 0, 0)
-    look(here)
+    evaluation: tuple[int, ...] = (0, 0, 0)
+    evidence_of(evaluation)
     while len(found) < MOST_MODELS:
-        around = [tuple(np.add(here, step).tolist()) for step in _AROUND]
-        best = max(around, key=look)
-        if look(best) <= look(here):
+        neighbours = [tuple(np.add(evaluation, step).tolist()) for step in _NEIGHBOUR_STEPS]
+        best = max(neighbours, key=evidence_of)
+        if evidence_of(best) <= evidence_of(evaluation):
             break
-        here = best
+        evaluation = best
     seen = [entry for entry in found.values() if entry]
     seen.sort(key=lambda entry: -entry[1].log_evidence)
-    least = seen[0][1].log_evidence + np.log(NEGLIGIBLE)
+    least = seen[0][1].log_evidence + np.log(NEGLIGIBLE_SHARE)
     return [entry for entry in seen if entry[1].log_evidence >= least]
 
 
-def _whitened(values: Floats, columns: Columns, model: ErrorModel, forgiving: bool) -> tuple[float, float]:
+def _whitened(values: Floats, columns: Columns, model: ErrorModel, robust: bool) -> tuple[float, float]:
     return _whiten(
         values,
         columns.white,
@@ -180,7 +184,7 @@ def _whitened(values: Floats, columns: Columns, model: ErrorModel, forgiving: bo
         model.smooth_m,
         columns.step_m / columns.cell_m,
         np.sqrt(3.0) * columns.step_m / model.length_m,
-        forgiving,
+        robust,
     )
 
 
@@ -193,7 +197,7 @@ def _whiten(
     smooth: float,
     rough_step: Floats,
     smooth_step: Floats,
-    forgiving: bool,
+    robust: bool,
 ) -> tuple[float, float]:
     """Turn each column of ``values`` (n, k) into innovations of unit variance.
 
@@ -204,18 +208,18 @@ def _whiten(
     n, k = values.shape
     state = np.zeros((3, k))
     p00, p11, p22, p01, p02, p12 = 1.0, 1.0, 1.0, 0.0, 0.0, 0.0
-    log_scale, price = 0.0, 0.0
+    half_log_determinant, outlier_nll = 0.0, 0.0
     for i in range(n):
         if smooth_step[i] > 30.0:
             p00, p11, p22, p01, p02, p12 = 1.0, 1.0, 1.0, 0.0, 0.0, 0.0
             state[:] = 0.0
         else:
-            keep = np.exp(-rough_step[i])
+            decay = np.exp(-rough_step[i])
             x = smooth_step[i]
             e = np.exp(-x)
             f11, f12, f21, f22 = e * (1.0 + x), e * x, -e * x, e * (1.0 - x)
-            p00 = keep * keep * p00 + 1.0 - keep * keep
-            p01, p02 = keep * (f11 * p01 + f12 * p02), keep * (f21 * p01 + f22 * p02)
+            p00 = decay * decay * p00 + 1.0 - decay * decay
+            p01, p02 = decay * (f11 * p01 + f12 * p02), decay * (f21 * p01 + f22 * p02)
             a, b, c = (
                 p11 - 1.0,
                 p22 - 1.0,
@@ -225,19 +229,19 @@ def _whiten(
             p22 = 1.0 + f21 * f21 * a + 2.0 * f21 * f22 * c + f22 * f22 * b
             p12 = f11 * f21 * a + (f11 * f22 + f12 * f21) * c + f12 * f22 * b
             for j in range(k):
-                state[0, j] *= keep
+                state[0, j] *= decay
                 s1, s2 = state[1, j], state[2, j]
                 state[1, j] = f11 * s1 + f12 * s2
                 state[2, j] = f21 * s1 + f22 * s2
         h0, h1 = rough * per_m[i], smooth * per_m[i]
         c0, c1, c2 = h0 * p00 + h1 * p01, h0 * p01 + h1 * p11, h0 * p02 + h1 * p12
         total = h0 * c0 + h1 * c1 + white[i]
-        if forgiving:
-            surprise = values[i, k - 1] - h0 * state[0, k - 1] - h1 * state[1, k - 1]
-            if 0.5 * surprise * surprise / total > ASTRAY:
+        if robust:
+            innovation = values[i, k - 1] - h0 * state[0, k - 1] - h1 * state[1, k - 1]
+            if 0.5 * innovation * innovation / total > OUTLIER_NLL:
                 values[i, :] = 0.0
-                price += ASTRAY
-                log_scale += 0.5 * np.log(total)
+                outlier_nll += OUTLIER_NLL
+                half_log_determinant += 0.5 * np.log(total)
                 continue
         g0, g1, g2 = c0 / total, c1 / total, c2 / total
         p00 -= g0 * c0
@@ -247,11 +251,11 @@ def _whiten(
         p12 -= g1 * c2
         p22 -= g2 * c2
         scale = 1.0 / np.sqrt(total)
-        log_scale += 0.5 * np.log(total)
+        half_log_determinant += 0.5 * np.log(total)
         for j in range(k):
-            surprise = values[i, j] - h0 * state[0, j] - h1 * state[1, j]
-            state[0, j] += g0 * surprise
-            state[1, j] += g1 * surprise
-            state[2, j] += g2 * surprise
-            values[i, j] = surprise * scale
-    return log_scale, price
+            innovation = values[i, j] - h0 * state[0, j] - h1 * state[1, j]
+            state[0, j] += g0 * innovation
+            state[1, j] += g1 * innovation
+            state[2, j] += g2 * innovation
+            values[i, j] = innovation * scale
+    return half_log_determinant, outlier_nll

@@ -20,7 +20,7 @@ CONTOUR_DISTANCE_CELLS = 330.0
 all of the horizon were as far away as this. A cell is then about a pixel."""
 USUAL_CONTOUR_SHARE, LARGEST_CONTOUR_SHARE = 0.05, 0.5
 """Of the contour's sigma, what neighbouring columns share of it then; more, and the DEM is not the terrain."""
-BLOCK_RAD = np.radians(6.0)
+SECTOR_RAD = np.radians(6.0)
 """Over which stretch of the horizon skylines of unrelated places differ by the same."""
 
 
@@ -38,11 +38,11 @@ class Problem:
         contours: tuple[FrameContour, ...],
         stride: int = 1,
         *,
-        believes_rim: bool = False,
-        block_columns: int | None = None,
+        uses_edge_columns: bool = False,
+        sector_columns: int | None = None,
     ) -> None:
         self.terrain = terrain
-        self.believes_rim = believes_rim or terrain.exact
+        self.uses_edge_columns = uses_edge_columns or terrain.exact
         self.stride = stride
         self.observation = observation
         self.contours = [
@@ -52,9 +52,9 @@ class Problem:
         self.frame_of = np.repeat(np.arange(len(contours)), [len(c.rays) for c in self.contours])
         self.sigma_rad = np.concatenate([c.sigma_rad for c in self.contours])
         self.order, self.step_rad = self._along_the_horizon()
-        self.blocks = self._blocks()
-        fullest = max(len(block) for block in self.blocks)
-        self.block_columns = -(-block_columns // stride) if block_columns else fullest
+        self.sectors = self._sectors()
+        fullest = max(len(block) for block in self.sectors)
+        self.sector_columns = -(-sector_columns // stride) if sector_columns else fullest
         self.size = FIRST_FRAME + PER_FRAME * len(contours)
         prior = np.full(self.size, np.inf)
         prior[AZIMUTH_BIAS] = observation.azimuth_bias_sigma_deg
@@ -75,11 +75,11 @@ class Problem:
         return CONTOUR_DISTANCE_CELLS * self.terrain.cell_m
 
     @property
-    def usual_error_m(self) -> float:
+    def nominal_error_m(self) -> float:
         """What neighbouring columns are taken to share, until the residuals tell: the DEM's error, else the contour's own."""
         if self.terrain.exact:
             return USUAL_CONTOUR_SHARE * self._contour_sigma_m
-        return self.terrain.usual_error_m
+        return self.terrain.nominal_error_m
 
     @property
     def largest_error_m(self) -> float:
@@ -112,9 +112,9 @@ class Problem:
         step[0] = np.inf
         return order, step
 
-    def _blocks(self) -> list[NDArray[np.int64]]:
+    def _sectors(self) -> list[NDArray[np.int64]]:
         """The columns (indices) in each stretch of BLOCK_RAD that any frame sees."""
-        place = np.cumsum(np.where(np.isfinite(self.step_rad), self.step_rad, 0.0)) // BLOCK_RAD
+        place = np.cumsum(np.where(np.isfinite(self.step_rad), self.step_rad, 0.0)) // SECTOR_RAD
         return np.split(self.order, np.flatnonzero(np.diff(place)) + 1)
 
     def directions(self, x: Floats) -> tuple[Floats, Floats, Floats]:

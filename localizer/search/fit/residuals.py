@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from localizer.dem.geodesy import after
+from localizer.dem.geodesy import geodesic_end
 from localizer.dem.horizon import EXACT_ERROR_M, horizon_around
 from localizer.search.fit.problem import (
     ALTITUDE,
@@ -25,14 +25,14 @@ from localizer.search.fit.problem import (
 Floats = NDArray[np.float64]
 
 SLOPE_STEP_RAD = np.radians(0.06)
-SECANT_STEP_M = 0.5
-BETWEEN_CELLS = 0.1
+DIFFERENCE_STEP_M = 0.5
+INTERPOLATION_ERROR_SHARE = 0.1
 """How far the ground between a DEM's cells lies from its surface, as a share of what that bends from cell to cell."""
-ROUNDED_OFF = 0.5
+SUMMIT_SMOOTHING_SHARE = 0.5
 """A DEM rounds summits off: by one standard deviation so much of what a cell rises above its four neighbours."""
-STEEPEST = 5.0
+LARGEST_SLOPE = 5.0
 """A skyline steeper than this is no better known across itself."""
-LATERAL_SHARE = 0.5
+LATERAL_ERROR_SHARE = 0.5
 """A DEM errs sideways too; as a share of its vertical error."""
 
 
@@ -46,9 +46,9 @@ class Evaluation:
     """Of the horizon beyond ``Terrain.near_m``, metres; the residual is of that."""
     near: NDArray[np.bool_]
     """Whether the DEM has something nearer that is higher, ..."""
-    above: Floats
+    near_excess: Floats
     """... and by how much, radians."""
-    rim: NDArray[np.bool_]
+    dem_edge: NDArray[np.bool_]
     """Whether the horizon lies where the DEM ends: no DEM can tell that, either."""
     guess_m: Floats
     """Where the horizon is, near or far."""
@@ -65,15 +65,19 @@ class Evaluation:
 
 
 def evaluate(
-    problem: Problem, x: Floats, origin: tuple[float, float], frame: Floats, guess_m: Floats | None = None
+    problem: Problem,
+    x: Floats,
+    origin: tuple[float, float],
+    coefficients: Floats,
+    guess_m: Floats | None = None,
 ) -> Evaluation:
     """Residuals (n,) in radians and their derivatives (n, parameters) by metres and degrees.
 
     ``guess_m``: distances (n,) of the horizon from a place nearby.
     """
     terrain = problem.terrain
-    row, col = place_of(x, origin, frame)
-    ground, gradient = ground_at(problem, x, origin, frame)
+    row, col = place_of(x, origin, coefficients)
+    ground, gradient = ground_at(problem, x, origin, coefficients)
     eye = max(x[ALTITUDE], ground + 0.3) if np.isfinite(ground) else x[ALTITUDE]
     azimuth, elevation, attitude = problem.directions(x)
     frame_of = problem.frame_of
@@ -86,8 +90,8 @@ def evaluate(
     tangent[near], distance[near] = horizon_around(terrain, row, col, eye, azimuth[near], beyond_m=beyond_m)
     tangent_beside, _ = horizon_around(terrain, row, col, eye, azimuth + SLOPE_STEP_RAD, distance, beyond_m)
     seen, beside = np.arctan(tangent), np.arctan(tangent_beside)
-    above = np.zeros(n)
-    above[near] = highest - seen[near]
+    near_excess = np.zeros(n)
+    near_excess[near] = highest - seen[near]
     d = np.where(np.isfinite(distance), distance, 1.0)
     slope = (beside - seen) / SLOPE_STEP_RAD
     residual = elevation - seen
@@ -107,65 +111,73 @@ def evaluate(
     jacobian[index, FIRST_FRAME + PER_FRAME * frame_of] = slope * per_degree
     jacobian[index, FIRST_FRAME + PER_FRAME * frame_of + 1] = by_tilt
     jacobian[index, FIRST_FRAME + PER_FRAME * frame_of + 2] = by_roll
-    row_h, col_h = after(frame, row, col, d * np.sin(azimuth), d * np.cos(azimuth))
-    rim = np.zeros(n, bool) if problem.believes_rim else terrain.is_rim(row_h, col_h)
-    steep2 = np.minimum(slope**2, STEEPEST**2)
+    row_h, col_h = geodesic_end(coefficients, row, col, d * np.sin(azimuth), d * np.cos(azimuth))
+    dem_edge = np.zeros(n, bool) if problem.uses_edge_columns else terrain.is_dem_edge(row_h, col_h)
+    slope2 = np.minimum(slope**2, LARGEST_SLOPE**2)
     if terrain.exact:
-        error_distance_m, own = np.full(n, problem.contour_distance_m), EXACT_ERROR_M
-        error_per_m = np.sqrt(1.0 + steep2) / problem.contour_distance_m
+        error_distance_m, ground_sigma_m = np.full(n, problem.contour_distance_m), EXACT_ERROR_M
+        error_per_m = np.sqrt(1.0 + slope2) / problem.contour_distance_m
     else:
         error_distance_m = d
         roughness2 = terrain.roughness_at(row_h, col_h) ** 2
-        error_per_m = np.sqrt(1.0 + LATERAL_SHARE**2 * steep2) * np.sqrt(1.0 + roughness2) / d
-        bend_m = terrain.mean_bend_m * float(terrain.roughness_at(np.array([row]), np.array([col]))[0])
-        own = float(
-            np.linalg.norm([BETWEEN_CELLS * bend_m, 0.1, ROUNDED_OFF * terrain.above_neighbours_m(row, col)])
+        error_per_m = np.sqrt(1.0 + LATERAL_ERROR_SHARE**2 * slope2) * np.sqrt(1.0 + roughness2) / d
+        bend_m = terrain.mean_second_difference_m * float(
+            terrain.roughness_at(np.array([row]), np.array([col]))[0]
+        )
+        ground_sigma_m = float(
+            np.linalg.norm(
+                [
+                    INTERPOLATION_ERROR_SHARE * bend_m,
+                    0.1,
+                    SUMMIT_SMOOTHING_SHARE * terrain.above_neighbours_m(row, col),
+                ]
+            )
         )
     return Evaluation(
         residual=residual,
         jacobian=jacobian,
         distance=d,
         near=near,
-        above=above,
-        rim=rim,
+        near_excess=near_excess,
+        dem_edge=dem_edge,
         guess_m=guess_m,
         slope=slope,
         error_per_m=error_per_m,
         error_distance_m=error_distance_m,
         ground_m=ground,
         ground_gradient=gradient,
-        ground_sigma_m=own,
+        ground_sigma_m=ground_sigma_m,
     )
 
 
-def secants(
-    problem: Problem, x: Floats, origin: tuple[float, float], frame: Floats, guess_m: Floats
+def central_differences(
+    problem: Problem, x: Floats, origin: tuple[float, float], coefficients: Floats, guess_m: Floats
 ) -> Floats:
     """Derivatives (n, 3) of the residuals by place and altitude, over steps of SECANT_STEP_M to either side."""
     columns = []
     for parameter in (EAST, NORTH, ALTITUDE):
         step = np.zeros(problem.size)
-        step[parameter] = SECANT_STEP_M
-        ahead = evaluate(problem, x + step, origin, frame, guess_m).residual
-        behind = evaluate(problem, x - step, origin, frame, guess_m).residual
-        columns.append((ahead - behind) / (2.0 * SECANT_STEP_M))
+        step[parameter] = DIFFERENCE_STEP_M
+        ahead = evaluate(problem, x + step, origin, coefficients, guess_m).residual
+        behind = evaluate(problem, x - step, origin, coefficients, guess_m).residual
+        columns.append((ahead - behind) / (2.0 * DIFFERENCE_STEP_M))
     return np.column_stack(columns)
 
 
-def residual_sigma(problem: Problem, here: Evaluation, s: float) -> Floats:
+def residual_sigma(problem: Problem, evaluation: Evaluation, s: float) -> Floats:
     """Standard deviations (n,) of the residuals: of the contour across itself, and of what neighbouring columns share."""
-    steep2 = np.minimum(here.slope**2, STEEPEST**2)
-    return np.asarray(np.sqrt(problem.sigma_rad**2 * (1.0 + steep2) + (s * here.error_per_m) ** 2))
+    slope2 = np.minimum(evaluation.slope**2, LARGEST_SLOPE**2)
+    return np.asarray(np.sqrt(problem.sigma_rad**2 * (1.0 + slope2) + (s * evaluation.error_per_m) ** 2))
 
 
-def place_of(x: Floats, origin: tuple[float, float], frame: Floats) -> tuple[float, float]:
+def place_of(x: Floats, origin: tuple[float, float], coefficients: Floats) -> tuple[float, float]:
     """Row and column of the place in ``x``, whose metres count from ``origin``."""
-    row, col = after(frame, *origin, x[EAST], x[NORTH])
+    row, col = geodesic_end(coefficients, *origin, x[EAST], x[NORTH])
     return float(row), float(col)
 
 
 def ground_at(
-    problem: Problem, x: Floats, origin: tuple[float, float], frame: Floats
+    problem: Problem, x: Floats, origin: tuple[float, float], coefficients: Floats
 ) -> tuple[float, Floats]:
     """Height of the ground and its gradient (east, north) over half a cell; NaN beyond the DEM."""
     half = 0.25 * problem.terrain.cell_m
@@ -173,7 +185,7 @@ def ground_at(
     places = []
     for east, north in steps:
         moved = np.array([x[EAST] + east, x[NORTH] + north])
-        places.append(place_of(moved, origin, frame))
+        places.append(place_of(moved, origin, coefficients))
     z = problem.terrain.dem.ground_m(np.array([p[0] for p in places]), np.array([p[1] for p in places]))
     gradient = np.array([z[1] - z[2], z[3] - z[4]]) / (2.0 * half)
     return float(z[0]), np.where(np.isfinite(gradient), gradient, 0.0)

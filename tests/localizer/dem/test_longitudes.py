@@ -20,10 +20,10 @@ from pyproj import CRS, Geod
 from localizer.bundle import load_bundle
 from localizer.commands.cli import localizer
 from localizer.commands.predict import parse_place
-from localizer.dem.crs import turn_in_x, utm_crs, wrapped_deg, wrapped_lon_deg
+from localizer.dem.crs import utm_crs, wrapped_deg, wrapped_lon_deg, x_period
 from localizer.dem.geodesy import (
     bounds_deg,
-    lattice_frames,
+    geodesic_expansion,
     lonlat_to_rowcol,
     rowcol_to_lonlat,
     rowcol_to_metric,
@@ -37,7 +37,7 @@ from localizer.search.locate import _within_prior
 from localizer.show.candidates import places
 from localizer.show.posterior import posterior
 from localizer.show.report_folder import files_beside
-from localizer.track.places import moved, place
+from localizer.track.gaussian_place import moved, place
 
 GEOD = Geod(ellps="WGS84")
 STEP = 1 / 3600
@@ -105,7 +105,7 @@ def test_every_place_comes_out_wrapped_and_is_found_by_either_longitude(name):
 
 def test_a_map_on_a_cylinder_goes_on_beyond_its_seam():
     dem = on_a_cylinder()
-    assert turn_in_x(dem.crs) == pytest.approx(2.0 * np.pi * 6378137.0)
+    assert x_period(dem.crs) == pytest.approx(2.0 * np.pi * 6378137.0)
     row, col = np.mgrid[0 : ROWS - 1 : 5j, 0 : COLS - 1 : 9j]
     lon_deg, lat_deg = rowcol_to_lonlat(dem, row, col)
     assert wrapped(lon_deg)
@@ -116,7 +116,7 @@ def test_a_map_on_a_cylinder_goes_on_beyond_its_seam():
     easting_m, _ = rowcol_to_metric(dem, row, col)
     assert np.ptp(easting_m) == pytest.approx(300.0 * (COLS - 1))
     # rays run on over the seam
-    steps = lattice_frames(dem).coefficients[..., 1, 0]
+    steps = geodesic_expansion(dem).coefficients[..., 1, 0]
     assert np.ptp(steps) < 1e-2 * abs(steps.mean())
 
 

@@ -5,11 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from localizer.search.contest import _weight
-from localizer.search.decide import answered_with, decide, log_mass, nowhere, objection
+from localizer.search.decide import decide, log_mass, no_place, rejection_reason, with_refined_best
 from localizer.search.fit.correlated_errors import ErrorModel
 from localizer.search.fit.refine import Refined
 from localizer.search.reasons import no_skyline
+from localizer.search.selection import _rejected_weight
 
 CELL_M = 30.0
 
@@ -24,13 +24,13 @@ def place(row: float = 100.0, **changes: object) -> Refined:
         tilt_bias_deg=0.0,
         frame_errors_deg=np.zeros((4, 3)),
         covariance_enu_m2=np.eye(2),
-        fit_cost=-3000.0,
+        neg_log_posterior=-3000.0,
         dem_error_m=1.0,
         correlation_columns=2.0,
         inlier_share=0.98,
         prior_chi2=4.0,
         residual_px={"N": 0.5},
-        misfit_per_column=-5.0,
+        mean_column_nll=-5.0,
         evidence=90.0,
         error_model=ErrorModel(0.1, 0.5, 240.0),
     )
@@ -102,9 +102,9 @@ def test_one_place_on_weak_evidence_or_known_too_vaguely_is_no_fix(changes, code
 
 def test_a_fix_whose_last_ellipse_is_too_wide_becomes_ambiguous():
     wide = place(covariance_enu_m2=np.diag([151.0**2, 1.0]))
-    answer = answered_with(decision(place()), wide, CELL_M)
+    answer = with_refined_best(decision(place()), wide, CELL_M)
     assert (answer.status, answer.reason.code) == ("ambiguous", "too_little_skyline")
-    assert answered_with(decision(place()), place(), CELL_M).reason is None
+    assert with_refined_best(decision(place()), place(), CELL_M).reason is None
 
 
 @pytest.mark.parametrize(
@@ -118,7 +118,7 @@ def test_a_fix_whose_last_ellipse_is_too_wide_becomes_ambiguous():
     ],
 )
 def test_what_speaks_against_a_place_is_said_with_what_would_help(changes, skyline_deg, code, words):
-    reason = objection(place(**changes), 12.0, 16, skyline_deg)
+    reason = rejection_reason(place(**changes), 12.0, 16, skyline_deg)
     assert reason.code == code
     assert words in reason.text
     assert reason.text.endswith(".")
@@ -126,19 +126,19 @@ def test_what_speaks_against_a_place_is_said_with_what_would_help(changes, skyli
 
 def test_nothing_speaks_against_a_place_just_within_the_limits():
     limits = {"evidence": 15.0, "dem_error_m": 11.7, "inlier_share": 0.6, "prior_chi2": 64.9}
-    assert objection(place(**limits), 12.0, 16, 200.0) is None
+    assert rejection_reason(place(**limits), 12.0, 16, 200.0) is None
 
 
 def test_no_place_at_all_is_all_elsewhere():
-    answer = nowhere(no_skyline())
+    answer = no_place(no_skyline())
     assert (answer.status, answer.elsewhere, answer.candidates) == ("none", 1.0, [])
     assert answer.reason.code == "too_little_skyline"
 
 
 def test_a_place_left_out_counts_by_how_far_it_is_behind_the_winner():
-    winner = place()  # log-odds 88
-    assert _weight(place(evidence=90.0), winner) == 1.0
-    assert _weight(place(evidence=80.0), winner) == 1.0, "around it there may be a better one"
-    assert _weight(place(evidence=60.0), winner) == pytest.approx(np.exp(-10.0))
+    best = place()  # log-odds 88
+    assert _rejected_weight(place(evidence=90.0), best) == 1.0
+    assert _rejected_weight(place(evidence=80.0), best) == 1.0, "around it there may be a better one"
+    assert _rejected_weight(place(evidence=60.0), best) == pytest.approx(np.exp(-10.0))
     chance, worse = place(evidence=2.0), place(evidence=-50.0)
-    assert _weight(worse, winner) == _weight(chance, winner) == pytest.approx(np.exp(-39.0))
+    assert _rejected_weight(worse, best) == _rejected_weight(chance, best) == pytest.approx(np.exp(-39.0))

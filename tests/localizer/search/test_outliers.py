@@ -5,13 +5,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from localizer.search.fit.correlated_errors import ErrorModel, whitened_cost
-from localizer.search.fit.objective import columns_along, visible_cost
+from localizer.search.fit.correlated_errors import ErrorModel, whitened_nll
+from localizer.search.fit.objective import ordered_columns, visible_nll
 from localizer.search.fit.outliers import (
-    evidence_over_chance,
-    evidence_used_up,
-    surprise,
-    telling_columns,
+    column_nll,
+    informative_columns,
+    log_bayes_factor,
+    occam_penalty,
     weights,
 )
 from localizer.search.fit.residuals import Evaluation
@@ -24,7 +24,7 @@ def column(residual_rad: float, near: bool, above_rad: float = 0.0) -> Evaluatio
 
 
 def columns(
-    residual_rad: np.ndarray, near: bool = False, above_rad: float = 0.0, rim: bool = False
+    residual_rad: np.ndarray, near: bool = False, above_rad: float = 0.0, dem_edge: bool = False
 ) -> Evaluation:
     one = np.ones(len(residual_rad))
     return Evaluation(
@@ -32,8 +32,8 @@ def columns(
         jacobian=np.zeros((len(one), 8)),
         distance=1000.0 * one,
         near=np.full(len(one), near),
-        above=above_rad * one,
-        rim=np.full(len(one), rim),
+        near_excess=above_rad * one,
+        dem_edge=np.full(len(one), dem_edge),
         guess_m=1000.0 * one,
         slope=0.0 * one,
         error_per_m=1e-3 * one,
@@ -44,12 +44,12 @@ def columns(
     )
 
 
-def tells(here: Evaluation) -> bool:
-    return bool(telling_columns(here, np.array([SIGMA_RAD]))[0])
+def tells(evaluation: Evaluation) -> bool:
+    return bool(informative_columns(evaluation, np.array([SIGMA_RAD]))[0])
 
 
-def cost(here: Evaluation) -> float:
-    return float(surprise(here, np.array([SIGMA_RAD]))[0])
+def cost(evaluation: Evaluation) -> float:
+    return float(column_nll(evaluation, np.array([SIGMA_RAD]))[0])
 
 
 @pytest.mark.parametrize("sigmas", [-30.0, -1.0, 0.0, 1.0, 30.0])
@@ -97,9 +97,9 @@ NOISE_RAD = np.radians(0.7)
 def evidence(residual_rad: np.ndarray, white_rad: float, correlation_columns: float) -> float:
     """Of blocks (n, k) whose columns are uncertain by NOISE_RAD, ``white_rad`` of it from the contour."""
     n, k = residual_rad.shape
-    problem = SimpleNamespace(blocks=np.split(np.arange(n * k), n), block_columns=k)
+    problem = SimpleNamespace(sectors=np.split(np.arange(n * k), n), sector_columns=k)
     sigma, white = np.full(n * k, NOISE_RAD), np.full(n * k, white_rad)
-    return evidence_over_chance(problem, columns(residual_rad.ravel()), sigma, white, correlation_columns)  # type: ignore[arg-type]
+    return log_bayes_factor(problem, columns(residual_rad.ravel()), sigma, white, correlation_columns)  # type: ignore[arg-type]
 
 
 def noise(shape: tuple[int, ...], size_rad: float = NOISE_RAD) -> np.ndarray:
@@ -123,11 +123,11 @@ def test_stretches_that_are_off_together_by_one_columns_noise_speak_for_no_place
 
 def test_a_horizon_where_the_dem_ends_tells_nothing_and_costs_at_most_what_any_other_stretch_would():
     sigma = np.array([SIGMA_RAD])
-    hidden = surprise(columns(0.5 * np.ones(1), near=True), sigma)
+    hidden = column_nll(columns(0.5 * np.ones(1), near=True), sigma)
     for off, costs in ((-20.0, hidden), (0.0, 0.0), (20.0, hidden)):
-        here = columns(off * sigma, rim=True)
-        assert not telling_columns(here, sigma)[0]
-        assert surprise(here, sigma) == pytest.approx(costs)
+        evaluation = columns(off * sigma, dem_edge=True)
+        assert not informative_columns(evaluation, sigma)[0]
+        assert column_nll(evaluation, sigma) == pytest.approx(costs)
 
 
 def test_a_place_gains_nothing_by_leaving_columns_undecided():
@@ -144,15 +144,15 @@ def test_a_place_gains_nothing_by_leaving_columns_undecided():
         size=8,
     )
 
-    def cost_of(here: Evaluation) -> float:
+    def cost_of(evaluation: Evaluation) -> float:
         sigma, x = problem.sigma_rad, np.zeros(8)
-        telling = weights(telling_columns(here, sigma), here.residual / sigma)
-        told = whitened_cost(columns_along(problem, x, here, model, telling), model)  # type: ignore[arg-type]
-        return visible_cost(problem, x, here, model, sigma, told)  # type: ignore[arg-type]
+        informative = weights(informative_columns(evaluation, sigma), evaluation.residual / sigma)
+        told = whitened_nll(ordered_columns(problem, x, evaluation, model, informative), model)  # type: ignore[arg-type]
+        return visible_nll(problem, x, evaluation, model, sigma, told)  # type: ignore[arg-type]
 
     far, undecided = (columns(seen, near, above_rad=SIGMA_RAD) for near in (False, True))
     far.ground_m = undecided.ground_m = np.nan
-    assert not telling_columns(undecided, problem.sigma_rad).any()
+    assert not informative_columns(undecided, problem.sigma_rad).any()
     assert cost_of(undecided) == pytest.approx(cost_of(far), rel=0.02)
     assert cost_of(far) > 0.2 * n
 
@@ -160,7 +160,7 @@ def test_a_place_gains_nothing_by_leaving_columns_undecided():
 def used_up(*, azimuth_bias_deg: float = 1.0, tilt_bias_deg: float = 0.05, frame_deg: float = 0.1) -> float:
     """With four frames, every angle found to 0.05 deg."""
     prior_deg = np.array([np.inf, np.inf, np.inf, azimuth_bias_deg, tilt_bias_deg, *[frame_deg] * 12])
-    return evidence_used_up(SimpleNamespace(prior_sigma_deg=prior_deg), 0.05**2 * np.eye(len(prior_deg)))  # type: ignore[arg-type]
+    return occam_penalty(SimpleNamespace(prior_sigma_deg=prior_deg), 0.05**2 * np.eye(len(prior_deg)))  # type: ignore[arg-type]
 
 
 def test_angles_that_sensors_give_use_up_no_evidence_and_open_ones_do():

@@ -20,13 +20,13 @@ from localizer.fix import Fix
 from localizer.observation import Observation, PriorCircle
 from localizer.search.answer import fix_of
 from localizer.search.contours import FrameContour, frame_contour, measured_skyline
-from localizer.search.contradiction import Settled, frame_agreement, settle_frames
-from localizer.search.fit.lattice import places_around, spread_around
-from localizer.search.fit.local_optima import problems_of, within_the_dem
-from localizer.search.fit.noise import Noise, usual_noise
+from localizer.search.fit.local_grid import grid_optima, grid_second_moment
+from localizer.search.fit.local_optima import problems_of, without_edge_columns
+from localizer.search.fit.noise import Noise, initial_noise
 from localizer.search.fit.problem import Problem
 from localizer.search.fit.refine import Refined, refine
 from localizer.search.fit.residuals import evaluate
+from localizer.search.leave_one_out import CheckedAnswer, check_frames, frame_agreement
 from localizer.search.locate import locate
 from localizer.search.locate import observe as observation_of
 from localizer.search.stage1 import bands, heading_offsets_deg, search_stage1
@@ -108,13 +108,13 @@ def test_a_camera_just_beyond_the_end_of_the_dem_is_nowhere(terrain, beyond_cell
 
 
 def test_the_search_sets_out_from_the_error_that_a_dem_is_said_to_have(terrain):
-    assert said_to_be(terrain, 7.5).usual_error_m == 7.5
+    assert said_to_be(terrain, 7.5).nominal_error_m == 7.5
     assert said_to_be(terrain, 7.5).largest_error_m == 30.0
     assert said_to_be(terrain, 0.001).largest_error_m == 3.0, "too little said loses no place"
-    assert terrain.usual_error_m >= 3.0
+    assert terrain.nominal_error_m >= 3.0
     assert said_to_be(terrain, 7.5).near_m == terrain.near_m > 0.0
     assert said_to_be(terrain, 0.0).near_m == 0.0
-    assert said_to_be(terrain, 0.0).doubted().usual_error_m == terrain.usual_error_m
+    assert said_to_be(terrain, 0.0).with_error_model().nominal_error_m == terrain.nominal_error_m
 
 
 def test_stage_one_keeps_the_true_cell_and_counts_what_it_did(terrain):
@@ -187,10 +187,10 @@ def test_a_frame_whose_centre_is_hidden_does_not_lose_the_place(terrain):
     assert error_cells(located) < 0.3
 
 
-def settled(terrain: Terrain, observation: Observation) -> Settled:
+def settled(terrain: Terrain, observation: Observation) -> CheckedAnswer:
     located = locate(terrain, observation)
-    return settle_frames(
-        terrain, observation, located, lambda fewer: locate(terrain, fewer, everywhere=False)
+    return check_frames(
+        terrain, observation, located, lambda fewer: locate(terrain, fewer, retry_all_cells=False)
     )
 
 
@@ -275,7 +275,7 @@ def test_a_frame_whose_horizon_lies_where_the_dem_ends_neither_agrees_nor_contra
         row=row, col=col, altitude_m=eye_m, azimuth_bias_deg=0.0, tilt_bias_deg=0.0, dem_error_m=1.0
     )
     raised = dataclasses.replace(seen, v_px=seen.v_px - 30.0)
-    all_rim = dataclasses.replace(terrain, rim=np.ones_like(terrain.rim))
+    all_rim = dataclasses.replace(terrain, dem_edge=np.ones_like(terrain.dem_edge))
     assert frame_agreement(terrain, seen, found) > 0.9
     assert frame_agreement(terrain, raised, found) < 0.1
     assert frame_agreement(all_rim, raised, found) is None
@@ -292,21 +292,21 @@ def test_places_close_to_each_other_are_compared_by_the_same_columns_whose_horiz
         float(dem.ground_m(*place)) + 2.0,
         0.7,
         iterations=4,
-        noise=usual_noise(cut, 3.0),
+        noise=initial_noise(cut, 3.0),
         largest_dem_error_m=12.0,
-        settle=True,
+        estimate_noise=True,
     )
-    within = within_the_dem(problems, start)
-    frame = cut.frames.at(start.row, start.col)[0]
-    at_rim, left = (
-        evaluate(each.full, start.parameters(), (start.row, start.col), frame).rim
+    within = without_edge_columns(problems, start)
+    frame = cut.geodesics.at(start.row, start.col)[0]
+    at_dem_edge, left = (
+        evaluate(each.full, start.parameters(), (start.row, start.col), frame).dem_edge
         for each in (problems, within)
     )
-    assert 0.02 < at_rim.mean() < 0.5
-    assert len(left) == np.count_nonzero(~at_rim)
+    assert 0.02 < at_dem_edge.mean() < 0.5
+    assert len(left) == np.count_nonzero(~at_dem_edge)
     assert not left.any()
     assert len(within.full.contours) == len(problems.full.contours)
-    assert within.full.block_columns == problems.full.block_columns
+    assert within.full.sector_columns == problems.full.sector_columns
 
 
 def test_what_is_left_of_the_horizon_speaks_for_no_more_than_before(terrain):
@@ -317,14 +317,21 @@ def test_what_is_left_of_the_horizon_speaks_for_no_more_than_before(terrain):
     eye_m = float(terrain.dem.ground_m(*PLACE)) + 2.0
 
     def evidence(problem: Problem) -> float:
-        noise = usual_noise(terrain, 3.0)
+        noise = initial_noise(terrain, 3.0)
         found = refine(
-            problem, *PLACE, eye_m, 0.7, iterations=3, noise=noise, largest_dem_error_m=12.0, settle=False
+            problem,
+            *PLACE,
+            eye_m,
+            0.7,
+            iterations=3,
+            noise=noise,
+            largest_dem_error_m=12.0,
+            estimate_noise=False,
         )
         return found.evidence
 
     whole = Problem(terrain, observation, contours)
-    left = Problem(terrain, observation, few, believes_rim=True, block_columns=whole.block_columns)
+    left = Problem(terrain, observation, few, uses_edge_columns=True, sector_columns=whole.sector_columns)
     assert evidence(left) < 0.1 * evidence(whole)
     assert evidence(Problem(terrain, observation, few)) > 0.5 * evidence(whole), "a thinned contour is whole"
 
@@ -337,7 +344,7 @@ def test_a_skyline_beyond_the_end_of_the_dem_does_not_lose_the_place(terrain):
     located = locate(ends_near, observe(terrain, place))
     assert located.decision.status == "fix"
     assert error_cells(located, place) < 0.1
-    believing = dataclasses.replace(ends_near, rim=np.zeros_like(ends_near.rim))
+    believing = dataclasses.replace(ends_near, dem_edge=np.zeros_like(ends_near.dem_edge))
     assert locate(believing, observe(terrain, place)).decision.status == "none"
 
 
@@ -363,13 +370,13 @@ def test_the_fix_speaks_the_contracts_language(terrain):
     observation = observe(terrain)
     located = locate(terrain, observation)
     fix = fix_of(terrain, observation, located, "a bundle", located.timing_s)
-    again = Fix.model_validate_json(fix.to_json())
-    assert again.position.crs == "EPSG:32610"
-    assert again.position.row == pytest.approx(PLACE[0], abs=0.1)
-    assert again.nuisance.altitude_bias_m == pytest.approx(3.0, abs=2.0)
-    assert again.stage1.cells == 640_000
-    assert list(again.stage1.after) == list(located.stage1.survivors)[1:]
-    assert set(again.residual) == {f.label for f in observation.frames}
+    reread = Fix.model_validate_json(fix.to_json())
+    assert reread.position.crs == "EPSG:32610"
+    assert reread.position.row == pytest.approx(PLACE[0], abs=0.1)
+    assert reread.nuisance.altitude_bias_m == pytest.approx(3.0, abs=2.0)
+    assert reread.stage1.cells == 640_000
+    assert list(reread.stage1.after) == list(located.stage1.survivors)[1:]
+    assert set(reread.residual) == {f.label for f in observation.frames}
 
 
 def test_refinement_comes_home_from_two_cells_away(terrain):
@@ -387,21 +394,21 @@ def test_refinement_comes_home_from_two_cells_away(terrain):
             iterations=25,
             noise=noise,
             largest_dem_error_m=12.0,
-            settle=True,
+            estimate_noise=True,
         )
 
-    descended = fit(PLACE[0] + 1.4, PLACE[1] - 1.4, eye, usual_noise(terrain, 6.0))
+    descended = fit(PLACE[0] + 1.4, PLACE[1] - 1.4, eye, initial_noise(terrain, 6.0))
     assert np.hypot(descended.row - PLACE[0], descended.col - PLACE[1]) < 0.25
-    around = places_around(problem, descended, [usual_noise(terrain, 0.5)], 0.75, 0.25, 2)
-    home = min((fit(*place) for place in around), key=lambda refined: refined.fit_cost)
+    around = grid_optima(problem, descended, [initial_noise(terrain, 0.5)], 0.75, 0.25, 2)
+    home = min((fit(*place) for place in around), key=lambda refined: refined.neg_log_posterior)
     assert np.hypot(home.row - PLACE[0], home.col - PLACE[1]) < 0.05
-    assert home.fit_cost < descended.fit_cost
+    assert home.neg_log_posterior < descended.neg_log_posterior
 
 
 def test_the_ellipse_reaches_only_to_places_that_are_plausible(terrain):
     observation = observe(terrain)
     problem = Problem(terrain, observation, tuple(frame_contour(f) for f in observation.frames), 16)
-    noise = usual_noise(terrain, 5.0)
+    noise = initial_noise(terrain, 5.0)
     fit = refine(
         problem,
         *PLACE,
@@ -410,11 +417,11 @@ def test_the_ellipse_reaches_only_to_places_that_are_plausible(terrain):
         iterations=8,
         noise=noise,
         largest_dem_error_m=5.0,
-        settle=False,
+        estimate_noise=False,
     )
 
     def widest_cells(plausible: bool) -> float:
-        flat = spread_around(problem, fit, noise, 2.0, 1.0, 1000.0, lambda *_: plausible)
+        flat = grid_second_moment(problem, fit, noise, 2.0, 1.0, 1000.0, lambda *_: plausible)
         return float(np.sqrt(np.linalg.eigvalsh(flat)[-1])) / terrain.cell_m
 
     # at such a temperature all of the lattice is about as likely

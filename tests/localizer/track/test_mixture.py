@@ -5,19 +5,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from localizer.track.gaussian_place import fuse, log_density, moved, offset_m, place
 from localizer.track.mixture import (
-    ODOMETRY_FAILS,
+    ODOMETRY_FAILURE_PROBABILITY,
     Hypothesis,
     Look,
     Mixture,
     Seen,
-    chance_of,
     mixture_of,
+    outlier_probability,
     predict,
     update,
 )
 from localizer.track.odometry import Movement
-from localizer.track.places import fuse, log_density, moved, offset_m, place
 from localizer.track.tracker import stands_out
 
 AREA_M2 = 20_000.0**2
@@ -72,7 +72,7 @@ def look(at, probabilities, evidence=40.0) -> Look:
         seen=tuple(
             Seen(n, p, float(q), evidence) for n, (p, q) in enumerate(zip(at, probabilities, strict=True))
         ),
-        chance=chance_of(evidence),
+        chance=outlier_probability(evidence),
         area_m2=AREA_M2,
         floor_m=0.25 * CELL_M,
         same_m=2.0 * CELL_M,
@@ -141,7 +141,7 @@ def test_a_movement_keeps_the_hypotheses_and_widens_them(mixture, covariance_m2)
     after = predict(mixture, Movement(np.array([200.0, 0.0]), covariance_m2), AREA_M2)
     assert len(after.hypotheses) == len(mixture.hypotheses)
     for was, now in zip(mixture.hypotheses, after.hypotheses, strict=True):
-        assert now.probability == pytest.approx((1.0 - ODOMETRY_FAILS) * was.probability)
+        assert now.probability == pytest.approx((1.0 - ODOMETRY_FAILURE_PROBABILITY) * was.probability)
         assert now.place.covariance == pytest.approx(was.place.covariance + covariance_m2)
 
 

@@ -11,19 +11,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from localizer.dem.horizon import Terrain, at_rim, horizon
+from localizer.dem.horizon import Terrain, at_dem_edge, horizon
 from localizer.observation import FrameObservation, Observation
 from localizer.search.answer import Located
 from localizer.search.contours import frame_contour
-from localizer.search.decide import CERTAIN_EVIDENCE
-from localizer.search.details import CONTRADICTS
+from localizer.search.decide import FIX_EVIDENCE
+from localizer.search.details import INCONSISTENT_BELOW
 from localizer.search.fit.refine import Refined
 
 LEAST_INLIERS = 0.75
 """The others must fit better than is asked of a whole bundle: one of several was picked for them to do so."""
 LEAST_FRAMES = 3
 """Of two frames that contradict each other none is the wrong one."""
-MOST_TRIED = 6
+MOST_FRAMES_TRIED = 6
 """Where a bundle of more frames fits nowhere, its one bad frame is not what is wrong."""
 MOST_SUSPECTS = 2
 """Where it fits somewhere, the frames that fit worst are tried."""
@@ -32,11 +32,11 @@ LEAST_DEM_ERROR = 0.3
 """Of what is usual for a DEM of its kind, however well the others fit."""
 FAR_COLUMNS = 20
 """A frame with fewer columns whose horizon a DEM can tell, neither close by nor where it ends, is not judged."""
-SAME_PLACE_CELLS = 5.0
+SAME_ANSWER_CELLS = 5.0
 
 
 @dataclass(frozen=True)
-class Settled:
+class CheckedAnswer:
     """The search's answer and what became of the frames.
 
     ``agreement``: by label, the share of a frame's columns that fit the place found; without frames that cannot be judged.
@@ -48,45 +48,45 @@ class Settled:
     left_out: str | None = None
 
 
-def settle_frames(
+def check_frames(
     terrain: Terrain, observation: Observation, located: Located, search: Callable[[Observation], Located]
-) -> Settled:
+) -> CheckedAnswer:
     """Look for a frame that contradicts the others, and for the place without it by ``search``.
 
     The answer is replaced only by a fix that all remaining frames agree on and that the frame left out contradicts.
     """
     agreement = _agreements(terrain, observation, located)
-    as_it_is = Settled(located, agreement)
+    unchanged = CheckedAnswer(located, agreement)
     seeing = [frame.label for frame in observation.frames if len(frame.u_px) > 1]
     if located.best is None:
-        suspects = seeing if len(seeing) <= MOST_TRIED else []
+        suspects = seeing if len(seeing) <= MOST_FRAMES_TRIED else []
     else:
         doubtful = located.decision.status != "fix"
-        suspects = [label for label in seeing if doubtful or agreement.get(label, 1.0) < CONTRADICTS]
+        suspects = [label for label in seeing if doubtful or agreement.get(label, 1.0) < INCONSISTENT_BELOW]
         suspects = sorted(suspects, key=lambda label: agreement.get(label, 1.0))[:MOST_SUSPECTS]
     if len(seeing) < LEAST_FRAMES or not suspects:
-        return as_it_is
+        return unchanged
     answers = []
     for label in suspects:
         others = tuple(frame for frame in observation.frames if frame.label != label)
         answer = search(dataclasses.replace(observation, frames=others))
         shares = _agreements(terrain, observation, answer)
-        if _convinces(answer, shares, label, len(suspects)):
-            answers.append(Settled(answer, shares, label))
+        if _is_convincing(answer, shares, label, len(suspects)):
+            answers.append(CheckedAnswer(answer, shares, label))
     places = [(s.located.best.row, s.located.best.col) for s in answers if s.located.best is not None]
-    if not places or max(math.dist(places[0], p) for p in places) > SAME_PLACE_CELLS:
-        return as_it_is
+    if not places or max(math.dist(places[0], p) for p in places) > SAME_ANSWER_CELLS:
+        return unchanged
     return max(answers, key=lambda s: s.located.best.evidence if s.located.best is not None else 0.0)
 
 
-def _convinces(answer: Located, shares: Mapping[str, float], left_out: str, tried: int) -> bool:
+def _is_convincing(answer: Located, shares: Mapping[str, float], left_out: str, tried: int) -> bool:
     best = answer.best
     return (
         best is not None
         and answer.decision.status == "fix"
-        and best.evidence >= CERTAIN_EVIDENCE + math.log(tried)
+        and best.evidence >= FIX_EVIDENCE + math.log(tried)
         and best.inlier_share >= LEAST_INLIERS
-        and all((share < CONTRADICTS) == (label == left_out) for label, share in shares.items())
+        and all((share < INCONSISTENT_BELOW) == (label == left_out) for label, share in shares.items())
         and left_out in shares
     )
 
@@ -95,9 +95,9 @@ def _agreements(terrain: Terrain, observation: Observation, answer: Located) -> 
     if answer.best is None:
         return {}
     # even where the DEM is said to be the terrain: no frame goes because a stone stands before it
-    doubted = terrain.doubted() if terrain.exact else terrain
+    inexact = terrain.with_error_model() if terrain.exact else terrain
     shares = {
-        frame.label: frame_agreement(doubted, frame, answer.best)
+        frame.label: frame_agreement(inexact, frame, answer.best)
         for frame in observation.frames
         if len(frame.u_px) > 1
     }
@@ -120,7 +120,7 @@ def frame_agreement(terrain: Terrain, frame: FrameObservation, place: Refined) -
         horizon(terrain, place.row, place.col, place.altitude_m, azimuth_deg + side)[0][0]
         for side in (-aside, aside)
     ]
-    far = (distance_m[0] >= terrain.near_m) & ~at_rim(
+    far = (distance_m[0] >= terrain.near_m) & ~at_dem_edge(
         terrain, place.row, place.col, azimuth_rad, distance_m[0]
     )
     if np.count_nonzero(far) < FAR_COLUMNS:
@@ -129,7 +129,7 @@ def frame_agreement(terrain: Terrain, frame: FrameObservation, place: Refined) -
     by_roll = np.radians(frame.roll_sigma_deg) * abs(frame.u_px - frame.camera.cx_px) / frame.camera.fx_px
     with np.errstate(invalid="ignore"):
         by_dem = np.nan_to_num(
-            max(place.dem_error_m, LEAST_DEM_ERROR * terrain.usual_error_m) / distance_m[0]
+            max(place.dem_error_m, LEAST_DEM_ERROR * terrain.nominal_error_m) / distance_m[0]
         )
     variance = contour.sigma_rad**2 + by_dem**2 + by_azimuth**2 + by_roll**2
     sigma = np.sqrt(variance + np.radians(frame.tilt_sigma_deg) ** 2)

@@ -24,9 +24,9 @@ def inside_border(image_bgr: Image) -> tuple[slice, slice]:
     everything = slice(0, height), slice(0, width)
     rim = np.concatenate([image_bgr[0], image_bgr[-1], image_bgr[:, 0], image_bgr[:, -1]]).astype(np.int16)
     paper = np.median(rim, axis=0).astype(np.int16)
-    if _alike(rim, paper).mean() < _SHARE:
+    if _same_place(rim, paper).mean() < _SHARE:
         return everything
-    alike = _alike(image_bgr.astype(np.int16), paper)
+    alike = _same_place(image_bgr.astype(np.int16), paper)
     rows = np.flatnonzero(alike.mean(axis=1) < _SHARE)
     if rows.size == 0:
         return everything
@@ -44,5 +44,5 @@ def inside_border(image_bgr: Image) -> tuple[slice, slice]:
     return slice(top + margin, bottom - margin), slice(left + margin, right - margin)
 
 
-def _alike(colours: NDArray[np.int16], paper: NDArray[np.int16]) -> NDArray[np.bool_]:
+def _same_place(colours: NDArray[np.int16], paper: NDArray[np.int16]) -> NDArray[np.bool_]:
     return np.asarray((np.abs(colours - paper) <= _ALIKE).all(axis=-1))

@@ -16,7 +16,7 @@ _ONE_STEEP, _OTHER_STEEP = 2.0, 0.7
 lesser. Hillsides from afar are rarely so steep."""
 
 
-def standing_out(row_px: Floats) -> NDArray[np.bool_]:
+def foreground_columns(row_px: Floats) -> NDArray[np.bool_]:
     """Columns where something narrow with two steep flanks rises above the rest of the skyline.
 
     Args:

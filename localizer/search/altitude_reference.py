@@ -21,15 +21,15 @@ ALTITUDE_BIAS_SIGMAS = 4.0
 """An altimeter so far off is not scattered but referred to something else."""
 
 
-def altitude_as_trusted(observation: Observation, dem: Dem) -> Observation:
+def with_datum_uncertainty(observation: Observation, dem: Dem) -> Observation:
     """The altitude as far as it can be compared with the DEM's elevations, where these count from the ellipsoid."""
-    more_m = dem.heights.altitude_sigma_m
-    if observation.altitude_m is None or not more_m:
+    datum_sigma_m = dem.heights.altitude_sigma_m
+    if observation.altitude_m is None or not datum_sigma_m:
         return observation
-    return replace(observation, altitude_sigma_m=float(np.hypot(observation.altitude_sigma_m, more_m)))
+    return replace(observation, altitude_sigma_m=float(np.hypot(observation.altitude_sigma_m, datum_sigma_m)))
 
 
-def without_altimeter(
+def diagnose_altimeter(
     terrain: "Terrain",
     observation: Observation,
     fix: Fix,
@@ -42,18 +42,18 @@ def without_altimeter(
     """
     if sum(fix.timing_s.values()) > within_s:
         return fix
-    seeing = any(len(frame.u_px) > 1 for frame in observation.frames)
-    if fix.status != "none" or observation.altitude_m is None or not seeing:
+    has_skyline = any(len(frame.u_px) > 1 for frame in observation.frames)
+    if fix.status != "none" or observation.altitude_m is None or not has_skyline:
         return fix
-    blind = search(replace(observation, altitude_m=None, altitude_sigma_m=np.inf))
-    best = blind.best
-    if best is None or blind.decision.status == "none":
-        from localizer.search.reasons import fits_nowhere  # beside the search, which is slow to import
+    without = search(replace(observation, altitude_m=None, altitude_sigma_m=np.inf))
+    best = without.best
+    if best is None or without.decision.status == "none":
+        from localizer.search.reasons import no_match  # beside the search, which is slow to import
 
-        return fix if fix.reason is not None else fix.model_copy(update={"reason": fits_nowhere(360.0)})
+        return fix if fix.reason is not None else fix.model_copy(update={"reason": no_match(360.0)})
     off_m = observation.altitude_m - best.altitude_m
     lon_deg, lat_deg = (float(angle) for angle in rowcol_to_lonlat(terrain.dem, best.row, best.col))
-    several = "" if blind.decision.status == "fix" else ", among others,"
+    several = "" if without.decision.status == "fix" else ", among others,"
     text = (
         f"without the altimeter the terrain fits{several} at {lat_deg:.5f}, {lon_deg:.5f} with the altitude off by "
         f"{off_m:+.0f} m ({abs(off_m) / observation.altitude_sigma_m:.1f} sigma); check the altimeter's setting and what the "

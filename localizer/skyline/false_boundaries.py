@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from localizer.skyline.reduced_image import ReducedImage
 from localizer.skyline.sky_boundary import SkyBoundary
-from localizer.skyline.work_image import WorkImage
 
 _CLOUD_ROWS, _CLOUD_GUESS = 8, -2.5
 """What is brighter than the sky above it is a cloud if so many rows of it look like sky by these log odds; snow does not."""
@@ -16,13 +16,13 @@ _BESIDE = 3
 """Columns to either side that are in doubt as well."""
 
 
-def lookalikes(work: WorkImage, boundary: SkyBoundary) -> NDArray[np.bool_]:
+def false_boundary_columns(work: ReducedImage, boundary: SkyBoundary) -> NDArray[np.bool_]:
     """Columns (w,) of the reduced picture where the boundary is one of these."""
     doubtful = _cloud_top(work, boundary) | _rim_of_glare(work, boundary.row)
     return np.convolve(doubtful, np.ones(2 * _BESIDE + 1), "same") > 0.5
 
 
-def _cloud_top(work: WorkImage, boundary: SkyBoundary) -> NDArray[np.bool_]:
+def _cloud_top(work: ReducedImage, boundary: SkyBoundary) -> NDArray[np.bool_]:
     h, w = boundary.guess.shape
     columns = np.arange(w)
     below = np.minimum(boundary.row[None, :] + np.arange(_CLOUD_ROWS)[:, None], h - 1)
@@ -30,7 +30,7 @@ def _cloud_top(work: WorkImage, boundary: SkyBoundary) -> NDArray[np.bool_]:
     return np.asarray((work.step[boundary.row, columns] < 0) & (looks < _CLOUD_GUESS))
 
 
-def _rim_of_glare(work: WorkImage, row: NDArray[np.int64]) -> NDArray[np.bool_]:
+def _rim_of_glare(work: ReducedImage, row: NDArray[np.int64]) -> NDArray[np.bool_]:
     h, w = work.texture.shape
     columns = np.arange(w)
 

@@ -15,7 +15,7 @@ WORK_PIXELS = 77_000
 
 
 @dataclass(frozen=True)
-class WorkImage:
+class ReducedImage:
     """A reduced picture of h x w pixels. Boundaries between rows count from 0 (above row 0) to h (below the last).
 
     Attributes:
@@ -38,7 +38,7 @@ class WorkImage:
     scale_y: float
 
 
-def reduce_image(image_bgr: NDArray[np.uint8]) -> WorkImage:
+def reduce_image(image_bgr: NDArray[np.uint8]) -> ReducedImage:
     """Average a picture (height, width, 3) down to WORK_PIXELS; texture and steps are measured at twice that resolution."""
     height, width = image_bgr.shape[:2]
     factor = max(1.0, float(np.sqrt(height * width / WORK_PIXELS)))
@@ -54,7 +54,7 @@ def reduce_image(image_bgr: NDArray[np.uint8]) -> WorkImage:
     bgr = np.asarray(cv2.resize(fine, (w, h), interpolation=cv2.INTER_AREA), np.float32) * np.float32(1 / 255)
     lab = np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2LAB), np.float32)
     blue, green, red = cv2.split(bgr)
-    return WorkImage(
+    return ReducedImage(
         lab=lab,
         bright=np.asarray(cv2.max(cv2.max(blue, green), red), np.float32),
         blueness=np.asarray(blue - red, np.float32),

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from localizer.dem.horizon import Terrain
 from localizer.observation import Observation
 from localizer.search.contours import STEP_DEG, MeasuredSkyline
-from localizer.search.stage2 import Scored, search_stage2
+from localizer.search.stage2 import ScoredCells, search_stage2
 
 Floats = NDArray[np.float64]
 Cells = NDArray[np.int64]
@@ -27,11 +27,11 @@ LEAST_COLUMNS = 8
 """Of a narrow skyline columns are compared that are closer to each other, so that there are so many."""
 HEADING_STEP_DEG = 2.0
 """Stage 2's hypotheses for the heading lie no further apart."""
-BLOCK_DEG = 6.0
+SECTOR_DEG = 6.0
 """Columns closer to each other than this differ from a place's horizon by much the same."""
 KEPT_SIGMAS = 6.0
 """Cells whose disparity lies within so many standard deviations of the best one go on to the next round."""
-SAME_PLACE_CELLS = 2.0
+NEIGHBOUR_CELLS = 2.0
 
 
 @dataclass(frozen=True)
@@ -43,12 +43,12 @@ class Round:
     most: int
 
 
-FIRST_OF_MANY = Round(12.0, 3000, 8000)
+EXTRA_ROUND = Round(12.0, 3000, 8000)
 ROUNDS = (Round(6.0, 600, 2000), Round(2.0, 150, 600))
 
 
 @dataclass(frozen=True)
-class Cut:
+class Cutoff:
     """The limit of one round.
 
     ``cells`` (n, 2) went on with their ``disparity`` (n,); the best one that did not has the disparity ``left_out``, infinite
@@ -58,24 +58,24 @@ class Cut:
 
     cells: Cells
     disparity: Floats
-    left_out: float
+    best_rejected: float
     sigma: float
 
-    def missed(self, row: float, col: float) -> float:
+    def miss_probability(self, row: float, col: float) -> float:
         """Probability that a place as good as the one found at a position, if there is one, was left out."""
-        if not np.isfinite(self.left_out) or len(self.cells) == 0:
+        if not np.isfinite(self.best_rejected) or len(self.cells) == 0:
             return 0.0
         off = np.hypot(*(self.cells - np.array([row, col])).T)
-        here = float(self.disparity[off <= max(SAME_PLACE_CELLS, float(off.min()) + 0.5)].min())
-        return 0.5 * math.erfc((self.left_out - here) / (self.sigma * math.sqrt(2.0)))
+        here = float(self.disparity[off <= max(NEIGHBOUR_CELLS, float(off.min()) + 0.5)].min())
+        return 0.5 * math.erfc((self.best_rejected - here) / (self.sigma * math.sqrt(2.0)))
 
 
 @dataclass(frozen=True)
-class Ranked:
+class RankedCells:
     """The best cells, and the limits of the rounds that they passed."""
 
-    scored: Scored
-    cuts: tuple[Cut, ...]
+    scored: ScoredCells
+    cuts: tuple[Cutoff, ...]
     sigma: float
     """Of disparities by as many columns as the last round had; see ``Cut``."""
 
@@ -86,7 +86,7 @@ def likeliest_cells(
     skyline: MeasuredSkyline,
     cells: Cells,
     offsets: Floats,
-) -> Ranked:
+) -> RankedCells:
     """The best of the cells (n, 2): few columns for all of them, many for the best of these."""
     relief = terrain.half_cell_relief_m
     if len(offsets) > 1 and offsets[1] - offsets[0] > HEADING_STEP_DEG:
@@ -94,9 +94,9 @@ def likeliest_cells(
     seen_deg = np.count_nonzero(np.isfinite(skyline.elevation_deg)) * STEP_DEG
     sigma = 0.0
     cuts = []
-    scored = Scored(cells, np.zeros(0), np.zeros(0))
-    for stage in _rounds(len(cells)):
-        every_deg = min(stage.every_deg, max(seen_deg / LEAST_COLUMNS, STEP_DEG))
+    scored = ScoredCells(cells, np.zeros(0), np.zeros(0))
+    for round_ in _rounds(len(cells)):
+        every_deg = min(round_.every_deg, max(seen_deg / LEAST_COLUMNS, STEP_DEG))
         sigma = _disparity_sigma(seen_deg, every_deg)
         at = scored.cells[:, 0], scored.cells[:, 1]
         eye = terrain.height_m[at].astype(float) + observation.mast_height_m
@@ -111,20 +111,20 @@ def likeliest_cells(
             slack,
             offsets,
             observation.azimuth_bias_sigma_deg,
-            terrain.usual_error_m,
+            terrain.nominal_error_m,
             every_deg,
         )
         good = int(np.searchsorted(scored.disparity, scored.disparity[0] + KEPT_SIGMAS * sigma))
-        keep = min(max(good, stage.least), stage.most)
-        left_out = float(scored.disparity[keep]) if len(scored.cells) > keep else math.inf
-        scored = Scored(scored.cells[:keep], scored.disparity[:keep], scored.azimuth_bias_deg[:keep])
-        cuts.append(Cut(scored.cells, scored.disparity, left_out, sigma))
-    return Ranked(scored, tuple(cuts), sigma)
+        keep = min(max(good, round_.least), round_.most)
+        best_rejected = float(scored.disparity[keep]) if len(scored.cells) > keep else math.inf
+        scored = ScoredCells(scored.cells[:keep], scored.disparity[:keep], scored.azimuth_bias_deg[:keep])
+        cuts.append(Cutoff(scored.cells, scored.disparity, best_rejected, sigma))
+    return RankedCells(scored, tuple(cuts), sigma)
 
 
 def _disparity_sigma(seen_deg: float, every_deg: float) -> float:
     """By how much (one standard deviation) the disparities of two equally good places differ."""
-    return math.sqrt(2.0 / max(seen_deg / max(every_deg, BLOCK_DEG), 1.0))
+    return math.sqrt(2.0 / max(seen_deg / max(every_deg, SECTOR_DEG), 1.0))
 
 
 def _rounds(cells: int) -> tuple[Round, ...]:
@@ -132,4 +132,4 @@ def _rounds(cells: int) -> tuple[Round, ...]:
     if cells <= MANY_CELLS:
         return ROUNDS
     every_deg = min(ROUNDS[0].every_deg * math.ceil(cells / MANY_CELLS), WIDEST_EVERY_DEG)
-    return (replace(FIRST_OF_MANY, every_deg=every_deg), *ROUNDS)
+    return (replace(EXTRA_ROUND, every_deg=every_deg), *ROUNDS)

@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Whole:
+class MergedLattice:
     """One lattice, voids and gaps NaN."""
 
     z_m: NDArray[np.float32]
@@ -42,7 +42,7 @@ def misfit(first: Tile, tile: Tile) -> str | None:
     return None
 
 
-def mosaic(tiles: Sequence[Tile]) -> Whole:
+def mosaic(tiles: Sequence[Tile]) -> MergedLattice:
     """Tiles of one lattice, on that of the first."""
     first = tiles[0]
     origins = np.array([_origin_on(first, tile) for tile in tiles])  # (n, 2) row, col
@@ -54,7 +54,9 @@ def mosaic(tiles: Sequence[Tile]) -> Whole:
     for tile, (row, col) in zip(tiles, origins - top_left, strict=True):
         part = z_m[row : row + tile.z_m.shape[0], col : col + tile.z_m.shape[1]]
         np.copyto(part, tile.z_m, where=np.isnan(part))
-    return Whole(z_m, first.transform @ Affine.translation(int(top_left[1]), int(top_left[0])), first.crs)
+    return MergedLattice(
+        z_m, first.transform @ Affine.translation(int(top_left[1]), int(top_left[0])), first.crs
+    )
 
 
 def check_cells(rows: int, cols: int, first: Tile) -> None:
@@ -62,7 +64,7 @@ def check_cells(rows: int, cols: int, first: Tile) -> None:
         raise DemError(f"{first.file.path} and the other files: {rows} x {cols} cells together are too many")
 
 
-def on_the_same_turn(first: Tile, tile: Tile) -> Tile:
+def shifted_by_period(first: Tile, tile: Tile) -> Tile:
     """Files on both sides of the date line adjoin: longitudes by whole turns as near to the first file's as can be."""
     if not tile.crs.is_geographic or not first.crs.is_geographic:
         return tile
@@ -78,14 +80,14 @@ def check_connected(tiles: Sequence[Tile]) -> None:
     slack = np.array([first.a, -first.e]) / 4  # on both sides: half a cell is no gap
     low = np.array([t.transform @ (0, t.z_m.shape[0]) for t in tiles]) - slack  # (n, 2) west, south
     high = np.array([t.transform @ (t.z_m.shape[1], 0) for t in tiles]) + slack
-    apart = unreached(low, high)
+    apart = first_unconnected(low, high)
     if apart is not None:
         raise DemError(
             f"{tiles[apart].file.path}: no overlap with {tiles[0].file.path}; the files of one DEM must overlap or adjoin"
         )
 
 
-def unreached(low: Floats, high: Floats) -> int | None:
+def first_unconnected(low: Floats, high: Floats) -> int | None:
     """Of boxes (n, 2), the first that no chain of boxes which touch leads to from the first; None where there is none."""
     reached = np.zeros(len(low), bool)
     reached[0] = True
