@@ -20,7 +20,10 @@ COMPARISON_ROUNDS = 2
 """How often each rival is fitted from where the others were fitted."""
 DECIDED_NATS = 15.0
 """A place that is ahead by this much needs no further comparison."""
-EXPLAINED_SIGMAS, GROSS_SIGMAS, GROSS_RAD, LEAST_INFORMATIVE_SHARE = 3.0, 6.0, np.radians(1.0), 0.7
+EXPLAINED_SIGMAS = 3.0
+GROSS_SIGMAS = 6.0
+GROSS_RAD = np.radians(1.0)
+LEAST_INFORMATIVE_SHARE = 0.7
 """A stretch is explained, or missed by far, by its median in standard deviations and by angle, if so much of it is terrain."""
 PARTS_PER_SECTOR = 3
 """Of a stretch of BLOCK_RAD: a summit is narrower."""

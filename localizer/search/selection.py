@@ -39,12 +39,14 @@ from localizer.search.fit.refine import Refined, refine
 from localizer.search.reasons import beyond_dem
 from localizer.search.stage2 import suppress_neighbours
 
-STARTS, MOST_STARTS = 12, 64
+STARTS = 12
+MOST_STARTS = 64
 """Cells from which coarse fits start, at least and at most."""
 START_SIGMAS = 4.0
 """A cell whose disparity is worse than that of the winner's cell by so many standard deviations is no start."""
 START_RADIUS_CELLS = 1.5
-SHORTLIST, MOST_SHORTLISTED = 5, 12
+SHORTLIST = 5
+MOST_SHORTLISTED = 12
 SHORTLIST_COLUMN_NATS = 0.5
 """A start whose columns are less likely than the best one's by this much each (in logarithms) is no contender."""
 SHORTLIST_NATS = 12.0

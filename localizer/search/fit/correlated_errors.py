@@ -19,7 +19,8 @@ from localizer.jit import kernel
 
 Floats = NDArray[np.float64]
 
-SIZE_STEP, LENGTH_STEP = 1.6, 2.0
+SIZE_STEP = 1.6
+LENGTH_STEP = 2.0
 """Neighbouring models differ by these factors."""
 LENGTH_RANGE_CELLS = (2.0, 64.0)
 MOST_MODELS = 60

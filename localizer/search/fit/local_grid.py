@@ -15,7 +15,8 @@ from localizer.search.fit.residuals import Evaluation, evaluate, ground_at, plac
 
 Floats = NDArray[np.float64]
 
-CHECKED_SHARE, MOST_CHECKED = 0.01, 40
+CHECKED_SHARE = 0.01
+MOST_CHECKED = 40
 """A place that far off that has so much of the likelihood is looked at, and so many of them at most."""
 
 

@@ -37,14 +37,16 @@ FINE_GRID_CELLS = (0.6, 0.15)
 """The same around the best of the places found, where these are not one and the same."""
 MOMENT_GRID_CELLS = (3.0, 0.6)
 """The same for how far places reach that are hardly less likely than the best one."""
-MOMENT_NATS, MOMENT_ITERATIONS = 15.0, 6
+MOMENT_NATS = 15.0
+MOMENT_ITERATIONS = 6
 """A place with so much less evidence, fitted a little, is less likely. So is one whose fit goes back."""
 MOST_FINE_FITS = 4
 LEAST_EVIDENCE_TO_REFINE = 0.0
 SAME_OPTIMUM_CELLS = 0.05
 CLEAN_INLIER_SHARE = 0.98
 """Share of columns that fit, from which there is no stretch that could bend the fit."""
-STRICT_SIGMA_FACTOR, MOST_STRICT_FITS = 0.3, 2
+STRICT_SIGMA_FACTOR = 0.3
+MOST_STRICT_FITS = 2
 """Factor on the DEM's error that tells stray columns in a last attempt: a stretch that bent the fit may let go of it."""
 LIKELY_OPTIMUM_SHARE = 0.05
 """Share of the best peak's likelihood."""

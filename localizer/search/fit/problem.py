@@ -18,7 +18,8 @@ PER_FRAME = 3  # azimuth, tilt, roll
 CONTOUR_DISTANCE_CELLS = 330.0
 """What neighbouring columns share where the DEM is the terrain itself is the contour's own error, whatever the distance: as if
 all of the horizon were as far away as this. A cell is then about a pixel."""
-USUAL_CONTOUR_SHARE, LARGEST_CONTOUR_SHARE = 0.05, 0.5
+USUAL_CONTOUR_SHARE = 0.05
+LARGEST_CONTOUR_SHARE = 0.5
 """Of the contour's sigma, what neighbouring columns share of it then; more, and the DEM is not the terrain."""
 SECTOR_RAD = np.radians(6.0)
 """Over which stretch of the horizon skylines of unrelated places differ by the same."""

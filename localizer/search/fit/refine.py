@@ -53,7 +53,8 @@ NOISE_UPDATES_WARM_AT = (2, 4)
 """The same for a fit that starts from another one's noise."""
 LIKELIHOOD_FROM = 8
 """From this iteration on by its likelihood. Before, an error that reaches far would explain a place that is some way off."""
-LEAST_DAMPING, MOST_DAMPING = 1e-6, 50.0
+LEAST_DAMPING = 1e-6
+MOST_DAMPING = 50.0
 LEAST_GAIN_NATS = 2e-2
 """A step that lowers the cost by less ends the fit."""
 PLACE_SHIFT_PER_M = 1.0
