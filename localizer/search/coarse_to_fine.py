@@ -1,8 +1,10 @@
-"""Stage 2 in rounds: a few columns of every cell, then more of the best ones, and what each round left out.
+"""Stage 2 from coarse to fine: all cells at few azimuths, then the best cells at more.
 
-No round looks at where a cell lies in the DEM, only at how well it fits: two places with the same surroundings stay or go
-together. A place that is as good as the one found in the end, but stands in its cell otherwise, has another disparity; how
-probable it is that a round left such a place out follows from how far its limit lies above the disparity of the place found.
+A round keeps cells by their disparity alone, never by their position: two places with the same surroundings stay or go
+together. Disparities are noisy, because a camera can stand anywhere in its cell. How probable it is that a round cut a place
+as good as the one found follows from the distance between the round's cutoff and the disparity of the place found:
+
+    P = 0.5 erfc((cutoff - disparity) / (sqrt(2) sigma)),    sigma^2 = 2 / (number of independent sectors).
 """
 
 import math
@@ -20,23 +22,26 @@ Floats = NDArray[np.float64]
 Cells = NDArray[np.int64]
 
 MANY_CELLS = 10000
-"""Where stage 1 leaves more, all are compared by columns that are farther apart first, the farther the more cells there are."""
+"""If stage 1 leaves more cells, an extra first round compares all of them at fewer azimuths, in proportion to their number."""
 WIDEST_EVERY_DEG = 30.0
-"""So far apart at most."""
+"""Largest spacing of the azimuths in that round."""
 LEAST_COLUMNS = 8
-"""Of a narrow skyline columns are compared that are closer to each other, so that there are so many."""
+"""A narrow skyline is compared at a closer spacing, so that it has at least so many columns."""
 HEADING_STEP_DEG = 2.0
-"""Stage 2's hypotheses for the heading lie no further apart."""
+"""Largest spacing of the heading hypotheses."""
 SECTOR_DEG = 6.0
-"""Columns closer to each other than this differ from a place's horizon by much the same."""
+"""Columns within such a sector have about the same residual and count as one sample. Tuned on the simulated cases of
+``sim evaluate``. @S:coarse_to_fine.SECTOR_DEG@"""
 KEPT_SIGMAS = 6.0
-"""Cells whose disparity lies within so many standard deviations of the best one go on to the next round."""
+"""Cells whose disparity lies within so many standard deviations of the best one go on to the next round. Tuned on the scenario
+``twins``: a twin of the true place must not be cut. @S:coarse_to_fine.KEPT_SIGMAS@"""
 NEIGHBOUR_CELLS = 2.0
+"""Kept cells within this distance of a place tell its disparity."""
 
 
 @dataclass(frozen=True)
 class Round:
-    """Columns ``every_deg`` apart are compared; at least ``least`` and at most ``most`` cells go on."""
+    """Azimuths ``every_deg`` apart are compared; at least ``least`` and at most ``most`` cells go on."""
 
     every_deg: float
     least: int
@@ -49,11 +54,10 @@ ROUNDS = (Round(6.0, 600, 2000), Round(2.0, 150, 600))
 
 @dataclass(frozen=True)
 class Cutoff:
-    """The limit of one round.
+    """The cutoff of one round.
 
-    ``cells`` (n, 2) went on with their ``disparity`` (n,); the best one that did not has the disparity ``left_out``, infinite
-    where all went on. ``sigma``: standard deviation of the difference between the disparities of two places that are equally
-    good.
+    ``cells`` (n, 2) went on with their ``disparity`` (n,). ``best_rejected`` is the lowest disparity of a cell that did not,
+    infinite if all went on. ``sigma``: standard deviation of the difference between the disparities of two equally good places.
     """
 
     cells: Cells
@@ -62,7 +66,7 @@ class Cutoff:
     sigma: float
 
     def miss_probability(self, row: float, col: float) -> float:
-        """Probability that a place as good as the one found at a position, if there is one, was left out."""
+        """Probability that a place as good as the one found at a position, if there is one, was cut."""
         if not np.isfinite(self.best_rejected) or len(self.cells) == 0:
             return 0.0
         off = np.hypot(*(self.cells - np.array([row, col])).T)
@@ -72,12 +76,12 @@ class Cutoff:
 
 @dataclass(frozen=True)
 class RankedCells:
-    """The best cells, and the limits of the rounds that they passed."""
+    """The best cells, and the cutoffs of the rounds that they passed."""
 
     scored: ScoredCells
-    cuts: tuple[Cutoff, ...]
+    cutoffs: tuple[Cutoff, ...]
     sigma: float
-    """Of disparities by as many columns as the last round had; see ``Cut``."""
+    """As ``Cutoff.sigma``, for the columns of the last round."""
 
 
 def likeliest_cells(
@@ -87,13 +91,13 @@ def likeliest_cells(
     cells: Cells,
     offsets: Floats,
 ) -> RankedCells:
-    """The best of the cells (n, 2): few columns for all of them, many for the best of these."""
+    """The best of the cells (n, 2), in order."""
     relief = terrain.half_cell_relief_m
     if len(offsets) > 1 and offsets[1] - offsets[0] > HEADING_STEP_DEG:
         offsets = np.arange(offsets[0], offsets[-1], HEADING_STEP_DEG)
     seen_deg = np.count_nonzero(np.isfinite(skyline.elevation_deg)) * STEP_DEG
     sigma = 0.0
-    cuts = []
+    cutoffs = []
     scored = ScoredCells(cells, np.zeros(0), np.zeros(0))
     for round_ in _rounds(len(cells)):
         every_deg = min(round_.every_deg, max(seen_deg / LEAST_COLUMNS, STEP_DEG))
@@ -118,17 +122,17 @@ def likeliest_cells(
         keep = min(max(good, round_.least), round_.most)
         best_rejected = float(scored.disparity[keep]) if len(scored.cells) > keep else math.inf
         scored = ScoredCells(scored.cells[:keep], scored.disparity[:keep], scored.azimuth_bias_deg[:keep])
-        cuts.append(Cutoff(scored.cells, scored.disparity, best_rejected, sigma))
-    return RankedCells(scored, tuple(cuts), sigma)
+        cutoffs.append(Cutoff(scored.cells, scored.disparity, best_rejected, sigma))
+    return RankedCells(scored, tuple(cutoffs), sigma)
 
 
 def _disparity_sigma(seen_deg: float, every_deg: float) -> float:
-    """By how much (one standard deviation) the disparities of two equally good places differ."""
+    """Standard deviation of the difference between the disparities of two equally good places."""
     return math.sqrt(2.0 / max(seen_deg / max(every_deg, SECTOR_DEG), 1.0))
 
 
 def _rounds(cells: int) -> tuple[Round, ...]:
-    """One more where there are so many cells that each can be given a few columns only."""
+    """The rounds for a number of cells; an extra first one if there are very many."""
     if cells <= MANY_CELLS:
         return ROUNDS
     every_deg = min(ROUNDS[0].every_deg * math.ceil(cells / MANY_CELLS), WIDEST_EVERY_DEG)

@@ -1,4 +1,4 @@
-"""Places compared on the same terms: by the same columns, from the same starts, each under its own errors."""
+"""Comparison of places by Bayesian evidence: with the same columns, from the same starts, each under its own error model."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -17,34 +17,41 @@ from localizer.search.fit.residuals import evaluate, residual_sigma
 Floats = NDArray[np.float64]
 
 COMPARISON_ROUNDS = 2
-"""How often each rival is fitted from where the others were fitted."""
+"""How often each place is refitted from the offsets of the others. Tuned on the scenario ``twins``.
+@S:compare.COMPARISON_ROUNDS@"""
 DECIDED_NATS = 15.0
-"""A place that is ahead by this much needs no further comparison."""
+"""A place that leads by this much needs no further comparison. Tuned on the scenario ``twins``. @S:compare.DECIDED_NATS@"""
 EXPLAINED_SIGMAS = 3.0
+"""A place explains a stretch of the horizon if the median residual is smaller."""
 GROSS_SIGMAS = 6.0
+"""A median residual larger than this and than GROSS_RAD is a gross error. Tuned on the scenario ``twins``.
+@S:compare.GROSS_SIGMAS@"""
 GROSS_RAD = np.radians(1.0)
+"""No error of a DEM is as large. Tuned on the scenario ``twins``. @S:compare.GROSS_RAD@"""
 LEAST_INFORMATIVE_SHARE = 0.7
-"""A stretch is explained, or missed by far, by its median in standard deviations and by angle, if so much of it is terrain."""
+"""Only stretches with at least this share of informative columns are judged."""
 PARTS_PER_SECTOR = 3
-"""Of a stretch of BLOCK_RAD: a summit is narrower."""
+"""Stretches in a sector of SECTOR_RAD: a summit is narrower than a sector."""
 GROSS_NATS = 10.0
-"""What it costs to miss BLOCK_RAD by far that another place explains."""
+"""Penalty for a gross error over a whole sector that another place explains. Tuned on the scenario ``twins``.
+@S:compare.GROSS_NATS@"""
 
 
 @dataclass(frozen=True)
 class Compared:
-    """A place with the logarithm of its probability but for a constant."""
+    """A place with its unnormalised log-probability."""
 
     place: Refined
     log_mass: float
 
 
 def compare_on_same_columns(problems: Problems, places: Sequence[Refined], largest: float) -> list[Compared]:
-    """The places, the likeliest first, by fits of each with the same columns.
+    """The places, the most probable first, by fits of each with the same columns.
 
-    Where the likelihood has several peaks close to each other, which of them a fit ends at is chance. So each place is also
-    fitted from where the others lie in their cells and under their errors, and its likeliest fit counts. Where the DEM ends,
-    the horizon is its last terrain or something behind it, whichever is likelier: no place pays for lying near the end.
+    If the likelihood has several optima close together, it is a matter of chance which of them a fit reaches. Each place is
+    therefore also fitted from the others' offsets within the cell and under their error models; its best fit counts.
+    Columns at the DEM edge are either left out or used, whichever is more likely, so that a place near the edge has no
+    disadvantage.
     """
     if len(places) == 1:
         return [Compared(places[0], 0.0)]
@@ -80,10 +87,10 @@ def compare_on_same_columns(problems: Problems, places: Sequence[Refined], large
 
 
 def _gross_errors(problem: Problem, fits: Sequence[Refined]) -> Floats:
-    """How many stretches of the horizon (k,) each place misses by far that another one explains, in stretches of BLOCK_RAD.
+    """Length of horizon, in sectors, (k,) with a gross error at each place that another place explains.
 
-    A stretch that shows a tree or a cloud is nobody's skyline. One that a place explains column by column is no accident, and
-    no error of the DEM is as large.
+    No place explains a tree or a cloud. A stretch that one place explains and another misses by more than any DEM error
+    is evidence that robust fitting alone would discard as an outlier.
     """
     stretches = [
         part for block in problem.sectors for part in np.array_split(block, PARTS_PER_SECTOR) if len(part)
@@ -97,9 +104,9 @@ def _gross_errors(problem: Problem, fits: Sequence[Refined]) -> Floats:
 
 
 def _stretch_medians(problem: Problem, stretches: list[NDArray[np.int64]], fit: Refined) -> Floats:
-    """By how much the middle column of each stretch is off (2, n), in standard deviations and in radians.
+    """Absolute median residual of each stretch (2, n), in standard deviations and in radians.
 
-    NaN where few of its columns show terrain.
+    NaN for stretches with few informative columns.
     """
     coefficients = problem.terrain.geodesics.at(fit.row, fit.col)[0]
     evaluation = evaluate(problem, fit.parameters(), (fit.row, fit.col), coefficients)
@@ -115,7 +122,7 @@ def _stretch_medians(problem: Problem, stretches: list[NDArray[np.int64]], fit: 
 
 
 def _with_and_without_edge_columns(problems: Problems, places: Sequence[Refined]) -> tuple[Problem, ...]:
-    """The columns without those whose horizon lies where the DEM ends, and with them where any place has such columns."""
+    """The problem without columns at the DEM edge, and, if any place has such columns, also with them."""
     full = problems.full
     if not any(has_edge_columns(full, place) for place in places):
         return (problems.middle,)
@@ -124,7 +131,7 @@ def _with_and_without_edge_columns(problems: Problems, places: Sequence[Refined]
 
 
 def with_offset_of(place: Refined, other: Refined, terrain: Terrain) -> Refined:
-    """A place moved to where another one lies in its cell, as high above the ground."""
+    """A place moved to the offset within its cell that another place has in its own, at the same height above the ground."""
     row = other.row + round(place.row - other.row)
     col = other.col + round(place.col - other.col)
     rise_m = float(terrain.dem.ground_m(row, col)) - float(terrain.dem.ground_m(other.row, other.col))

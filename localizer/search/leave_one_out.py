@@ -1,7 +1,7 @@
-"""A frame that contradicts the others: left out where the others agree on one place without it, and named.
+"""Leave-one-out check of the frames: a frame that contradicts all others is excluded and named.
 
-Its picture may show another place, its tilt may have been read while the head moved, its skyline may be a bank of cloud. The
-search weighs single columns down, but a whole frame of them pulls the fit away or leaves no place at all.
+Such a frame may show another place, have a tilt that was read while the head moved, or a bank of cloud for a skyline. Robust
+weights reduce the influence of single columns. A whole frame of outliers, however, shifts the fit or leaves no place at all.
 """
 
 import dataclasses
@@ -20,27 +20,30 @@ from localizer.search.details import INCONSISTENT_BELOW
 from localizer.search.fit.refine import Refined
 
 LEAST_INLIERS = 0.75
-"""The others must fit better than is asked of a whole bundle: one of several was picked for them to do so."""
+"""Least inlier share without the frame. It is higher than for a whole bundle, because the frame was chosen so that the others
+fit. Tuned on rendered bundles with one frame misread; not in docs/sensitivity.md, whose cases leave no frame out."""
 LEAST_FRAMES = 3
-"""Of two frames that contradict each other none is the wrong one."""
+"""Of two frames that contradict each other, neither can be identified as the wrong one."""
 MOST_FRAMES_TRIED = 6
-"""Where a bundle of more frames fits nowhere, its one bad frame is not what is wrong."""
+"""If a bundle with more frames fits nowhere, one frame is unlikely to be the cause."""
 MOST_SUSPECTS = 2
-"""Where it fits somewhere, the frames that fit worst are tried."""
+"""If the bundle fits a place, only the frames that fit worst are tried."""
 SIGMAS = 3.0
+"""A column fits within so many standard deviations."""
 LEAST_DEM_ERROR = 0.3
-"""Of what is usual for a DEM of its kind, however well the others fit."""
+"""Least DEM error assumed, as a share of the nominal one, however well the other frames fit."""
 FAR_COLUMNS = 20
-"""A frame with fewer columns whose horizon a DEM can tell, neither close by nor where it ends, is not judged."""
+"""A frame with fewer columns whose horizon is neither near nor at the DEM edge is not judged."""
 SAME_ANSWER_CELLS = 5.0
+"""Results without different frames agree if their places lie this close together."""
 
 
 @dataclass(frozen=True)
 class CheckedAnswer:
-    """The search's answer and what became of the frames.
+    """The result of the search, and how each frame fits it.
 
-    ``agreement``: by label, the share of a frame's columns that fit the place found; without frames that cannot be judged.
-    ``left_out``: the label of the frame that the answer does without.
+    ``agreement``: by label, the share of a frame's columns that fit the place; frames that cannot be judged are absent.
+    ``left_out``: the label of the excluded frame.
     """
 
     located: Located
@@ -51,9 +54,9 @@ class CheckedAnswer:
 def check_frames(
     terrain: Terrain, observation: Observation, located: Located, search: Callable[[Observation], Located]
 ) -> CheckedAnswer:
-    """Look for a frame that contradicts the others, and for the place without it by ``search``.
+    """Check each suspect frame by a ``search`` without it.
 
-    The answer is replaced only by a fix that all remaining frames agree on and that the frame left out contradicts.
+    The result is replaced only by a fix that all remaining frames agree with and that the excluded frame contradicts.
     """
     agreement = _agreements(terrain, observation, located)
     unchanged = CheckedAnswer(located, agreement)
@@ -94,7 +97,7 @@ def _is_convincing(answer: Located, shares: Mapping[str, float], left_out: str, 
 def _agreements(terrain: Terrain, observation: Observation, answer: Located) -> dict[str, float]:
     if answer.best is None:
         return {}
-    # even where the DEM is said to be the terrain: no frame goes because a stone stands before it
+    # also for an exact DEM: an object in the foreground must not exclude a frame
     inexact = terrain.with_error_model() if terrain.exact else terrain
     shares = {
         frame.label: frame_agreement(inexact, frame, answer.best)
@@ -105,9 +108,9 @@ def _agreements(terrain: Terrain, observation: Observation, answer: Located) -> 
 
 
 def frame_agreement(terrain: Terrain, frame: FrameObservation, place: Refined) -> float | None:
-    """Share of a frame's columns within three sigmas of the skyline seen from a place; None where too few can tell.
+    """Share of a frame's columns within SIGMAS of the skyline predicted at a place; None if too few columns can be judged.
 
-    Sigma is made up of the column's own, the DEM's error at that distance, and the frame's own errors by its sensors.
+    The variance is that of the contour, of the DEM error at the horizon's distance, and of the frame's attitude by its sensors.
     """
     contour = frame_contour(frame)
     azimuth_rad, elevation_rad = contour.directions(

@@ -1,4 +1,4 @@
-"""The localizer's main job: from what was seen to where it was seen from."""
+"""The search from end to end: from a bundle, or an observation, to a result. See ``localizer.search`` for its stages."""
 
 import time
 from collections.abc import Iterator
@@ -33,16 +33,16 @@ from localizer.skyline.upright import frame_skyline, upright
 Floats = NDArray[np.float64]
 
 LEAST_ALTITUDE_SIGMA_M = 0.01
-"""Of an altimeter; less is a promise that nobody keeps and that the equations cannot be solved with."""
+"""Least sigma of an altitude; a smaller one is implausible and makes the normal equations singular."""
 LEADING_CELLS = 30
-"""Cells whose contest has been held: the same ones would come to the same."""
+"""If these leading cells are the same, so is the selection among them."""
 LEAST_SIGMA_PX = 0.15
-"""No skyline in a picture is known better than this: lens, blur and the roundness of things."""
+"""Least sigma of a skyline point in a picture: lens calibration, blur and rounded crests."""
 
 
 @dataclass
 class _Stopwatch:
-    """Seconds spent in each part."""
+    """Wall time of each part of the search, seconds."""
 
     seconds: dict[str, float] = field(default_factory=dict)
 
@@ -56,7 +56,7 @@ class _Stopwatch:
 
 
 def locate_bundle(bundle: Bundle, dem: Dem) -> LocateResult:
-    """Find the skyline in each frame of a bundle and the place in the DEM that has it."""
+    """Find the skyline in each frame of a bundle, and the place in the DEM from which it is seen."""
     stopwatch = _Stopwatch()
     with stopwatch.part("prepare"):
         terrain = prepare_terrain(dem)
@@ -79,9 +79,9 @@ def locate_bundle(bundle: Bundle, dem: Dem) -> LocateResult:
 
 
 def load_kernels(terrain: Terrain) -> None:
-    """Compile the search's kernels, or load them where that was done before, on no data at all.
+    """Compile the search's kernels, or load compiled ones from the disk, by calls with empty input.
 
-    Once in a process; later calls cost nothing. Without it the first search would pay for it.
+    Later calls in a process cost nothing. Without this the first search would take longer.
     """
     no_place, nothing = np.zeros((0, 2), np.int64), np.zeros(0)
     blind = MeasuredSkyline(np.full(BINS, np.nan), np.full(BINS, np.nan), np.zeros(BINS), {})
@@ -94,14 +94,14 @@ def load_kernels(terrain: Terrain) -> None:
 
 
 def load_picture_kernels() -> None:
-    """Of these those that find a skyline, in a picture that has one: without it most have nothing to do."""
+    """The same for the kernels of the skyline detector, by a small picture that has a skyline."""
     picture = np.full((64, 64, 3), 200, np.uint8)
     picture[32:] = 60
     find_skyline(picture)
 
 
 def observe(bundle: Bundle, skylines: list[Skyline]) -> Observation:
-    """What the search is given: the confident columns of each frame, turned upright, and the bundle's readings."""
+    """The search's input: the confident columns of each frame, turned upright, and the bundle's readings."""
     frames = []
     for frame, skyline in zip(bundle.frames, skylines, strict=True):
         used = _usable(skyline)
@@ -136,8 +136,8 @@ def observe(bundle: Bundle, skylines: list[Skyline]) -> Observation:
 def locate(terrain: Terrain, observation: Observation, *, retry_all_cells: bool = True) -> Located:
     """Search the whole DEM for the place from which the terrain has the observed skyline.
 
-    Not ``everywhere``: only the cells that stage 1 leaves, which is quick. In a DEM that is said to be the terrain itself the
-    place is first looked for as in any other.
+    ``retry_all_cells``: if nothing fits, stage 2 is repeated over all cells at the right altitude, which takes longer. An exact
+    DEM is first searched with the default error model.
     """
     if terrain.exact:
         return _refined_on_exact_dem(
@@ -169,7 +169,7 @@ def locate(terrain: Terrain, observation: Observation, *, retry_all_cells: bool 
     ranked = _ranked_by_stage2(terrain, observation, skyline, stage1.last, offsets, stopwatch)
     decision, best = _decided(terrain, observation, contours, ranked, stopwatch)
     if retry_all_cells and decision.status == "none" and len(stage1.last) < len(stage1.survivors["altitude"]):
-        # A central column may show a cloud or a tree: let whole curves speak about every cell at the right altitude.
+        # A central column may show a cloud or a tree: compare whole curves at every cell at the right altitude.
         retried = _ranked_by_stage2(
             terrain, observation, skyline, stage1.survivors["altitude"], offsets, stopwatch
         )
@@ -179,7 +179,7 @@ def locate(terrain: Terrain, observation: Observation, *, retry_all_cells: bool 
 
 
 def _refined_on_exact_dem(terrain: Terrain, observation: Observation, found: Located) -> Located:
-    """What was found with doubts about the DEM, with the DEM taken at its word."""
+    """The result of the search with an error model, its best place refitted with the DEM as exact."""
     if found.best is None:
         return found
     stopwatch = _Stopwatch(found.timing_s)
@@ -190,7 +190,7 @@ def _refined_on_exact_dem(terrain: Terrain, observation: Observation, found: Loc
 
 
 def _contours(observation: Observation) -> tuple[FrameContour, ...]:
-    """Of the frames that have any."""
+    """The contours of the frames that have one."""
     return tuple(frame_contour(frame) for frame in observation.frames if len(frame.u_px) > 1)
 
 
@@ -202,7 +202,7 @@ def _ranked_by_stage2(
     offsets: Floats,
     stopwatch: _Stopwatch,
 ) -> RankedCells | None:
-    """Stage 2 among the given cells, if there are any."""
+    """Stage 2 among the given cells; None without any."""
     if len(cells) == 0:
         return None
     with stopwatch.part("stage2"):
@@ -210,7 +210,7 @@ def _ranked_by_stage2(
 
 
 def _same_leading_cells(one: RankedCells, other: RankedCells) -> bool:
-    """Whether the contest would be the same again."""
+    """Whether the selection would be the same."""
     return np.array_equal(one.scored.cells[:LEADING_CELLS], other.scored.cells[:LEADING_CELLS])
 
 
@@ -221,7 +221,7 @@ def _decided(
     ranked: RankedCells | None,
     stopwatch: _Stopwatch,
 ) -> tuple[Decision, Refined | None]:
-    """Refinement and decision among the cells that stage 2 found best."""
+    """Refinement and decision among the best cells of stage 2."""
     if ranked is None:
         return no_place(no_match(360.0)), None
     with stopwatch.part("refine"):
@@ -229,7 +229,7 @@ def _decided(
 
 
 def _within_prior(terrain: Terrain, observation: Observation) -> NDArray[np.bool_] | None:
-    """Cells (rows, cols) inside the prior's circle; None without a prior."""
+    """Mask (rows, cols) of the cells inside the prior's circle; None without a prior."""
     prior = observation.prior
     if prior is None:
         return None
@@ -242,7 +242,7 @@ def _within_prior(terrain: Terrain, observation: Observation) -> NDArray[np.bool
     to_ground = np.linalg.inv(
         coefficients[:, :2]
     )  # from rows and columns to metres east and north, as it is at the centre
-    doubt_m = 0.0 if dem.shift.known else UNKNOWN_DATUM_M  # the circle is told on WGS84
+    doubt_m = 0.0 if dem.shift.known else UNKNOWN_DATUM_M  # the circle is given on WGS84
     radius_m = prior.radius_m + doubt_m
     reach = 1.5 * radius_m * np.abs(coefficients[:, :2]).sum(axis=1) + 2.0
     first = np.clip(np.floor([row - reach[0], col - reach[1]]), 0, (dem.rows, dem.cols)).astype(int)
@@ -274,7 +274,7 @@ def _details(
     skylines: list[Skyline],
     checked: CheckedAnswer,
 ) -> LocateDetails:
-    """What the picture shows: found and predicted skylines, survivors and candidates."""
+    """Found and predicted skylines, cells left by stage 1, and candidates."""
     located = checked.located
     best = located.best
     errors = iter(best.frame_errors_deg) if best else iter(())

@@ -1,8 +1,13 @@
-"""The contest of the places that stage 2 found likeliest: who takes part, on what terms, and what the winner is worth.
+"""Selection among the cells of stage 2: multi-start fits, of which the less probable ones are eliminated step by step.
 
-All are treated alike, whatever their order. Coarse fits choose the contenders; fits with more columns choose the rivals, those
-that could still be the likeliest; the best place around each rival is found with all columns, its errors estimated there; these
-places are compared by the same columns. What a limit left out keeps its probability: that of all places that were not compared.
+1. Coarse fits (few columns) start from the best cells.
+2. The best of them are short-listed and continued.
+3. A fit with more columns leaves the *modes*: places that could still be the most probable one.
+4. Around each mode the best local optimum is found with all columns.
+5. The optima are compared on the same columns (``compare``), and ``decide`` makes the result.
+
+Every step treats all places alike, whatever their order. A place that a limit rejects keeps its probability: it is added to
+``elsewhere``.
 """
 
 import math
@@ -43,28 +48,37 @@ STARTS = 12
 MOST_STARTS = 64
 """Cells from which coarse fits start, at least and at most."""
 START_SIGMAS = 4.0
-"""A cell whose disparity is worse than that of the winner's cell by so many standard deviations is no start."""
+"""A cell starts a fit if its disparity is within so many standard deviations of that of the best fit's cell. Tuned on the
+scenario ``twins``. @S:selection.START_SIGMAS@"""
 START_RADIUS_CELLS = 1.5
-SHORTLIST = 5
+"""No two starts lie closer to each other."""
+LEAST_SHORTLISTED = 5
 MOST_SHORTLISTED = 12
+"""Short-listed places, at least (if there are so many) and at most."""
 SHORTLIST_COLUMN_NATS = 0.5
-"""A start whose columns are less likely than the best one's by this much each (in logarithms) is no contender."""
+"""Largest deficit of the mean log-likelihood of a column for a place to be short-listed. Tuned on the simulated cases of
+``sim evaluate``. @S:selection.SHORTLIST_COLUMN_NATS@"""
 SHORTLIST_NATS = 12.0
-"""The same of all independent columns together, where that allows more."""
+"""Largest deficit of the log-likelihood of all independent columns, if that admits more places. Tuned on the scenario
+``twins``. @S:selection.SHORTLIST_NATS@"""
 SHORTLIST_ODDS_SHARE = 0.3
-"""Or one whose log-odds are at least so much of the best one's."""
+"""Or log-odds of at least this share of the best ones. Tuned on the scenario ``twins``. @S:selection.SHORTLIST_ODDS_SHARE@"""
 MODE_NATS = 30.0
-"""A contender whose log-odds are worse than the best one's by this much is no rival."""
+"""A short-listed place whose log-odds are behind the best ones by more is no mode. Tuned on the scenario ``twins``.
+@S:selection.MODE_NATS@"""
 UNREFINED_GAIN_NATS = 10.0
-"""By so much the best place around one that was left out may be better."""
+"""How much refinement may raise the log-odds of a place that was rejected before it. Tuned on the scenario ``twins``.
+@S:selection.UNREFINED_GAIN_NATS@"""
 LEAST_LOG_ODDS = 5.0
-"""Nor is one that explains hardly more than chance, unless it is the best."""
+"""Least log-odds of a mode other than the best. Tuned on the simulated cases of ``sim evaluate``.
+@S:selection.LEAST_LOG_ODDS@"""
 MOST_MODES = 4
+"""Tuned on the time of a search: each mode costs a full refinement. @S:selection.MOST_MODES@"""
 
 
 @dataclass(frozen=True)
 class _Selection:
-    """Those who are still in the contest, the best first, and those who were left out by a limit."""
+    """Places that were kept, the best first, and those that a limit rejected."""
 
     fits: list[Refined]
     rejected: list[Refined]
@@ -73,17 +87,17 @@ class _Selection:
 def select_place(
     terrain: Terrain, observation: Observation, contours: tuple[FrameContour, ...], ranked: RankedCells
 ) -> tuple[Decision, Refined | None]:
-    """Refine the best cells, coarsely all, then the contenders under one error model, then the rivals with all columns."""
+    """The decision among the cells of stage 2, and its most probable place; None if no place is believed."""
     largest_error_m = terrain.largest_error_m
     problems = problems_of(terrain, observation, contours)
-    fits, cuts = _coarse_fits(terrain, observation, problems, ranked)
+    fits, cutoffs = _coarse_fits(terrain, observation, problems, ranked)
     shortlist = _shortlist(problems, fits, largest_error_m)
     modes = _remaining_modes(problems, shortlist.fits, largest_error_m)
-    optima = [best_local_optimum(problems, rival, largest_error_m) for rival in modes.fits]
+    optima = [best_local_optimum(problems, mode, largest_error_m) for mode in modes.fits]
     optima = distinct(sorted(optima, key=_by_column_nll), SAME_PLACE_CELLS)
     compared = compare_on_same_columns(problems, optima, largest_error_m)
     best = compared[0].place
-    miss_probability = [cut.miss_probability(best.row, best.col) for cut in cuts]
+    miss_probability = [cutoff.miss_probability(best.row, best.col) for cutoff in cutoffs]
     rejected = [_rejected_weight(place, best) for place in [*shortlist.rejected, *modes.rejected]]
     elsewhere = 1.0 - math.prod(1.0 - share for share in miss_probability) + sum(rejected)
     reason = rejection_reason(best, largest_error_m, _priors(contours), _skyline_deg(problems))
@@ -98,37 +112,38 @@ def select_place(
 def refined_on_exact_dem(
     terrain: Terrain, observation: Observation, contours: tuple[FrameContour, ...], best: Refined
 ) -> Refined:
-    """The best place around one that was found with doubts about the DEM, by its word alone; the old one where that fits badly.
+    """The best place refitted with the DEM as exact; the place as it was if an exact DEM does not fit.
 
-    What is close by shows the last metres of the way, and misleads whoever is farther off.
+    In an exact DEM near terrain fixes the position to centimetres, but it misleads a fit that starts farther off. Therefore
+    only this last fit uses it.
     """
     problems = problems_of(terrain, observation, contours)
     largest_error_m = problems.full.largest_error_m
-    there = best_local_optimum(problems, best, largest_error_m)
-    stays = np.hypot(there.row - best.row, there.col - best.col) <= SAME_PLACE_CELLS
+    refitted = best_local_optimum(problems, best, largest_error_m)
+    stays = np.hypot(refitted.row - best.row, refitted.col - best.col) <= SAME_PLACE_CELLS
     return (
-        replace(there, dem_error_m=0.0)
-        if stays and is_plausible(there, largest_error_m, _priors(contours))
+        replace(refitted, dem_error_m=0.0)
+        if stays and is_plausible(refitted, largest_error_m, _priors(contours))
         else best
     )
 
 
 def _priors(contours: tuple[FrameContour, ...]) -> int:
-    """How many readings there are: altitude, the ground's, both biases, and three for each frame."""
+    """Number of readings: altitude, height of the ground, both biases, and three for each frame."""
     return 2 + 2 + 3 * len(contours)
 
 
 def _skyline_deg(problems: Problems) -> float:
-    """How much of the horizon was seen."""
+    """How much of the horizon was observed."""
     return float(np.degrees(len(problems.full.sectors) * SECTOR_RAD))
 
 
 def _coarse_fits(
     terrain: Terrain, observation: Observation, problems: Problems, ranked: RankedCells
 ) -> tuple[list[Refined], list[Cutoff]]:
-    """Fits with few columns from the best cells, the best fit first, and all limits that cells had to pass on the way.
+    """Coarse fits from the best cells, the best fit first, and all cutoffs that cells had to pass.
 
-    From as many cells as are no worse than the winner's own by START_SIGMAS.
+    Cells are added until all within START_SIGMAS of the best fit's own cell have been fitted.
     """
     scored = ranked.scored
     order = suppress_neighbours(scored, len(scored.cells), START_RADIUS_CELLS)
@@ -140,16 +155,16 @@ def _coarse_fits(
         fit = _coarse_fit(terrain, observation, problems, scored.cells[i], float(scored.azimuth_bias_deg[i]))
         fitted.append((fit, float(scored.disparity[i])))
         if len(fitted) >= max(wanted, least):
-            _, here = min(fitted, key=lambda entry: _by_column_nll(entry[0]))
-            wanted = _count_within(disparity, here, ranked.sigma)
+            _, best_disparity = min(fitted, key=lambda entry: _by_column_nll(entry[0]))
+            wanted = _count_within(disparity, best_disparity, ranked.sigma)
     count = len(fitted)
     rejected = float(disparity[count]) if count < len(order) else math.inf
-    cut = Cutoff(scored.cells[order[:count]], disparity[:count], rejected, ranked.sigma)
-    return sorted((fit for fit, _ in fitted), key=_by_column_nll), [*ranked.cuts, cut]
+    cutoff = Cutoff(scored.cells[order[:count]], disparity[:count], rejected, ranked.sigma)
+    return sorted((fit for fit, _ in fitted), key=_by_column_nll), [*ranked.cutoffs, cutoff]
 
 
-def _count_within(disparity: NDArray[np.float64], than: float, sigma: float) -> int:
-    return int(np.searchsorted(disparity, than + START_SIGMAS * sigma))
+def _count_within(disparity: NDArray[np.float64], disparity_of_best: float, sigma: float) -> int:
+    return int(np.searchsorted(disparity, disparity_of_best + START_SIGMAS * sigma))
 
 
 def _coarse_fit(
@@ -174,9 +189,13 @@ def _coarse_fit(
 
 
 def _shortlist(problems: Problems, fits: list[Refined], largest_error_m: float) -> _Selection:
-    """The places that the best coarse fits lead to when they are continued, the best first."""
+    """The places at which the best coarse fits end when they are continued, the best first."""
     first_list = _within(
-        distinct(fits, SAME_PLACE_CELLS), 2.0 * SHORTLIST_COLUMN_NATS, problems, MOST_SHORTLISTED, SHORTLIST
+        distinct(fits, SAME_PLACE_CELLS),
+        2.0 * SHORTLIST_COLUMN_NATS,
+        problems,
+        MOST_SHORTLISTED,
+        LEAST_SHORTLISTED,
     )
     continued = [
         refit(problems.coarse, fit, largest_error_m, estimate_noise=True, iterations=8)
@@ -188,7 +207,7 @@ def _shortlist(problems: Problems, fits: list[Refined], largest_error_m: float) 
 
 
 def _within(fits: list[Refined], margin: float, problems: Problems, most: int, least: int = 1) -> _Selection:
-    """Those of the fits (the best first) whose columns are little less likely than the best one's, or which explain a lot."""
+    """Of the fits (the best first), those with nearly the best likelihood per column or with large log-odds."""
     best = fits[0]
     independent = len(problems.coarse.sigma_rad) / best.correlation_columns
     furthest = best.mean_column_nll + max(margin, SHORTLIST_NATS / independent)
@@ -202,15 +221,15 @@ def _within(fits: list[Refined], margin: float, problems: Problems, most: int, l
 
 
 def _rejected_weight(rejected: Refined, best: Refined) -> float:
-    """Of a place that was not compared, where the winner's is 1; one no likelier than chance counts as chance."""
+    """Posterior weight of a rejected place relative to the best one, at most 1; negative log-odds count as 0."""
     behind = best.log_odds - UNREFINED_GAIN_NATS - max(rejected.log_odds, 0.0)
     return math.exp(-TEMPERING_EXPONENT * max(behind, 0.0))
 
 
 def _remaining_modes(problems: Problems, shortlist: list[Refined], largest_error_m: float) -> _Selection:
-    """The contenders that could still be the likeliest place, by a fit of each with more columns, the best first.
+    """The short-listed places that could still be the most probable, by a fit of each with more columns, the best first.
 
-    A fit may have stopped at a lesser peak: each is also made from where the best of them lies in its cell.
+    A fit may end in a minor optimum. Each is therefore repeated from the same offset within its cell as the best one has.
     """
     if len(shortlist) == 1:
         return _Selection(shortlist, [])

@@ -1,13 +1,24 @@
-"""What makes the terrain's skyline differ from the one in the pictures, and how that is correlated along the ridges.
+"""Correlated errors of the DEM: Ornstein-Uhlenbeck and Matérn 3/2 processes in state-space form, whitened by a Kalman filter.
 
-A column's residual is the sum of three errors. The contour's own is independent from column to column. The other two are the
-DEM's: s metres seen from a distance of d metres are s / d radians. What the terrain does between the cells is forgotten in a
-cell (an Ornstein-Uhlenbeck process along the ground); what is wrong with the cells themselves goes on smoothly for many of them
-(a Matern process of smoothness 3/2). So a near ridge, which fills many columns with the same few cells, counts for little. Such
-processes plus white noise are whitened exactly by a Kalman filter of three states (Hartikainen and Särkkä, 2010).
+The residual of a column is the sum of three errors:
 
-Where the DEM errs, so does the place where one ridge disappears behind another: for some columns the horizon is another ridge
-than the predicted one. Hence a column may be astray, at a price.
+    r = w + h (rough(l) + smooth(l)),    h: radians per metre of DEM error, about 1 / distance.
+
+w is the contour's noise, independent in each column. ``rough`` and ``smooth`` are errors of the DEM along the ground, l metres
+along the ridge. With the step t between two columns, their autocorrelations are
+
+    rough:   exp(-t / cell)                         Ornstein-Uhlenbeck: what lies between the cells
+    smooth:  (1 + a) exp(-a),  a = sqrt(3) t / L    Matérn 3/2: errors of the cells themselves, correlation length L
+
+Such processes plus white noise form a linear Gaussian state-space model with three states (Hartikainen and Särkkä, 2010).
+A Kalman filter along the azimuth turns the residuals into independent innovations of unit variance in linear time. A near ridge
+fills many columns with the same few cells; its residuals are highly correlated and count for few samples.
+
+An error of the DEM can also make another ridge the horizon than the predicted one. A column whose innovation is too large is
+therefore treated as an outlier, with the constant negative log-likelihood OUTLIER_NLL.
+
+The parameters of the model are found by maximum marginal likelihood: the unknowns of the fit are integrated out (integrated
+likelihood), so that models with different parameters can be compared.
 """
 
 from dataclasses import dataclass
@@ -20,14 +31,18 @@ from localizer.jit import kernel
 Floats = NDArray[np.float64]
 
 SIZE_STEP = 1.6
+"""Factor between neighbouring standard deviations of the grid of models."""
 LENGTH_STEP = 2.0
-"""Neighbouring models differ by these factors."""
+"""Factor between neighbouring correlation lengths of the grid of models."""
 LENGTH_RANGE_CELLS = (2.0, 64.0)
+"""Range of the correlation length of the smooth error."""
 MOST_MODELS = 60
+"""Models evaluated at most."""
 OUTLIER_NLL = 6.0
-"""What it costs (in logarithms of probability) that a column is astray."""
+"""Negative log-likelihood of an outlier column. Tuned on the scenario ``dem_error``. @S:fit.correlated_errors.OUTLIER_NLL@"""
 NEGLIGIBLE_SHARE = 1e-3
-"""Models less likely than the best one by this factor are left out of the average."""
+"""Models whose likelihood is a smaller share of the best one's are left out of the average. Tuned on the scenario
+``dem_error``. @S:fit.correlated_errors.NEGLIGIBLE_SHARE@"""
 _NEIGHBOUR_STEPS = (
     *((-1, 0, 0), (1, 0, 0), (0, -1, 0), (0, 1, 0), (0, 0, -1), (0, 0, 1)),
     *((0, 1, 1), (0, -1, -1), (-1, 1, 0), (1, -1, 0)),
@@ -36,12 +51,12 @@ _NEIGHBOUR_STEPS = (
 
 @dataclass(frozen=True)
 class ErrorModel:
-    """The DEM's error.
+    """Covariance model of the DEM's error.
 
     Attributes:
-        rough_m: standard deviation of what lies between the cells.
-        smooth_m: standard deviation of what is wrong with the cells.
-        length_m: how far the latter is correlated along the ground.
+        rough_m: standard deviation of the rough part.
+        smooth_m: standard deviation of the smooth part.
+        length_m: correlation length of the smooth part along the ground.
     """
 
     rough_m: float
@@ -56,7 +71,7 @@ class ErrorModel:
 
 @dataclass(frozen=True)
 class ModelRange:
-    """What error models are thought of for a DEM of a certain cell size."""
+    """Admissible error models for a DEM."""
 
     cell_m: float
     least_rough_m: float
@@ -75,17 +90,17 @@ class ModelRange:
 
 @dataclass(frozen=True)
 class Columns:
-    """What is known of n columns in the order of their azimuths, and of p parameters.
+    """The linearised problem: n columns ordered by azimuth, p parameters.
 
     Attributes:
         residual: (n,) radians.
-        jacobian: (n, p) its derivatives.
-        white: (n,) variances of what is independent in each column.
-        per_m: (n,) radians per metre of the DEM's error.
-        step_m: (n,) way along the ground from the column before; infinite where there is none.
-        cell_m: how far the rough part of the DEM's error reaches.
-        prior: (p, p) curvature of the negative logarithm of the parameters' prior.
-        pull: (p,) its slope.
+        jacobian: (n, p) derivatives of the residuals.
+        white: (n,) variances of the independent noise.
+        per_m: (n,) radians per metre of DEM error.
+        step_m: (n,) distance along the ground from the column before; infinite for the first.
+        cell_m: correlation length of the rough error.
+        prior_hessian: (p, p) of the negative log-prior.
+        prior_gradient: (p,) of the negative log-prior.
     """
 
     residual: Floats
@@ -100,10 +115,11 @@ class Columns:
 
 @dataclass(frozen=True)
 class NormalEquations:
-    """The parameters' posterior under one model: curvature (p, p), slope (p,), and the cost of where they are.
+    """Gauss-Newton approximation of the negative log-posterior under one model: ``hessian`` (p, p), ``gradient`` (p,).
 
-    ``log_evidence``: logarithm of the likelihood with the parameters integrated out, but for a constant.
-    """
+    ``nll``: negative log-likelihood at the current parameters. ``log_evidence``: log marginal likelihood of the model, the
+    parameters integrated out by Laplace approximation, up to a constant: 0.5 g' H^-1 g - nll - 0.5 ln det S - 0.5 ln det H,
+    with the covariance S of the residuals."""
 
     hessian: Floats
     gradient: Floats
@@ -112,7 +128,7 @@ class NormalEquations:
 
 
 def normal_equations(columns: Columns, model: ErrorModel, *, robust: bool = True) -> NormalEquations:
-    """Generalised least squares; the cost is as ``whitened_cost``, priors left out."""
+    """Generalised least squares: J' S^-1 J + prior, J' S^-1 r + prior; ``nll`` is as of ``whitened_nll``, without priors."""
     both = np.column_stack([columns.jacobian, columns.residual])
     half_log_determinant, outlier_nll = _whitened(both, columns, model, robust)
     product = both.T @ both
@@ -127,9 +143,10 @@ def normal_equations(columns: Columns, model: ErrorModel, *, robust: bool = True
 
 
 def whitened_nll(columns: Columns, model: ErrorModel, *, robust: bool = True) -> float:
-    """Half the sum of the squares of the whitened residuals, and the price of those astray.
+    """Half the sum of the squared whitened residuals, plus OUTLIER_NLL for each outlier.
 
-    Unless ``forgiving``, none are: while a fit is still on its way, what looks astray is what shows the way.
+    Without ``robust`` no column is an outlier. Early iterations need that: far from the optimum, large residuals carry the
+    information about the direction of descent.
     """
     residual = columns.residual[:, None].copy()
     _, outlier_nll = _whitened(residual, columns, model, robust)
@@ -137,16 +154,16 @@ def whitened_nll(columns: Columns, model: ErrorModel, *, robust: bool = True) ->
 
 
 def half_log_determinant(columns: Columns, model: ErrorModel) -> float:
-    """Half the logarithm of the determinant of the residuals' covariance under a model."""
+    """0.5 ln det of the covariance of the residuals under a model."""
     return _whitened(np.zeros((len(columns.residual), 0)), columns, model, False)[0]
 
 
 def likely_error_models(
     columns: Columns, start: ErrorModel, limits: ModelRange
 ) -> list[tuple[ErrorModel, NormalEquations]]:
-    """The most likely model near ``start`` and those about it that are not negligible, the best first.
+    """The model of maximum marginal likelihood near ``start``, and its neighbours that are not negligible, the best first.
 
-    Climbs on a grid of models, evenly spaced in the logarithms of the sizes and the length.
+    Hill climbing on a grid of models that is even in the logarithms of the parameters.
     """
     found: dict[tuple[int, ...], tuple[ErrorModel, NormalEquations] | None] = {}
 
@@ -162,18 +179,18 @@ def likely_error_models(
         entry = found[at]
         return entry[1].log_evidence if entry else -np.inf
 
-    evaluation: tuple[int, ...] = (0, 0, 0)
-    evidence_of(evaluation)
+    current: tuple[int, ...] = (0, 0, 0)
+    evidence_of(current)
     while len(found) < MOST_MODELS:
-        neighbours = [tuple(np.add(evaluation, step).tolist()) for step in _NEIGHBOUR_STEPS]
+        neighbours = [tuple(np.add(current, step).tolist()) for step in _NEIGHBOUR_STEPS]
         best = max(neighbours, key=evidence_of)
-        if evidence_of(best) <= evidence_of(evaluation):
+        if evidence_of(best) <= evidence_of(current):
             break
-        evaluation = best
-    seen = [entry for entry in found.values() if entry]
-    seen.sort(key=lambda entry: -entry[1].log_evidence)
-    least = seen[0][1].log_evidence + np.log(NEGLIGIBLE_SHARE)
-    return [entry for entry in seen if entry[1].log_evidence >= least]
+        current = best
+    evaluated = [entry for entry in found.values() if entry]
+    evaluated.sort(key=lambda entry: -entry[1].log_evidence)
+    least = evaluated[0][1].log_evidence + np.log(NEGLIGIBLE_SHARE)
+    return [entry for entry in evaluated if entry[1].log_evidence >= least]
 
 
 def _whitened(values: Floats, columns: Columns, model: ErrorModel, robust: bool) -> tuple[float, float]:
@@ -200,12 +217,13 @@ def _whiten(
     smooth_step: Floats,
     robust: bool,
 ) -> tuple[float, float]:
-    """Turn each column of ``values`` (n, k) into innovations of unit variance.
+    """Kalman filter: replace each column of ``values`` (n, k) by its innovations, scaled to unit variance.
 
-    Returns half the logarithm of the determinant undone, and the price of what was taken for astray, which the last column of
-    ``values``, the residuals, decides. States: the rough process; the smooth one; its derivative, scaled to unit variance. The
-    steps are in correlation lengths.
-    """
+    States: the rough process; the smooth process; its derivative, scaled to unit variance. Transition of the smooth pair over a
+    step a in correlation lengths: exp(-a) [[1 + a, a], [-a, 1 - a]]. The steps are in correlation lengths.
+
+    Returns 0.5 ln det of the covariance, and the sum of OUTLIER_NLL. The last column of ``values``, the residuals, decides
+    which rows are outliers; such a row is set to zero in all columns, and the states are not updated."""
     n, k = values.shape
     state = np.zeros((3, k))
     p00, p11, p22, p01, p02, p12 = 1.0, 1.0, 1.0, 0.0, 0.0, 0.0
@@ -225,7 +243,7 @@ def _whiten(
                 p11 - 1.0,
                 p22 - 1.0,
                 p12,
-            )  # deviation from the stationary covariance, which the step preserves
+            )  # deviation from the stationary covariance, which the transition preserves
             p11 = 1.0 + f11 * f11 * a + 2.0 * f11 * f12 * c + f12 * f12 * b
             p22 = 1.0 + f21 * f21 * a + 2.0 * f21 * f22 * c + f22 * f22 * b
             p12 = f11 * f21 * a + (f11 * f22 + f12 * f21) * c + f12 * f22 * b

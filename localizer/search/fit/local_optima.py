@@ -1,7 +1,9 @@
-"""The best place around a fit: looking about for rival peaks, and what these leave of the certainty.
+"""The best local optimum around a fit, and what the other optima nearby add to its covariance.
 
-Close to hills, and where a stretch of the contours is wrong, the likelihood has many peaks a few metres apart, and a descent
-ends at any of them.
+Near hills, or with a stretch of outliers, the posterior has many local optima a few metres apart, and a descent ends at any of
+them. The steps: a grid search under several DEM errors; refits from the best grid points with more columns; a finer grid and
+stricter outlier limits where the refits disagree; a final fit with all columns; then the average over the optima by their
+tempered posterior. A temperature T > 1 divides the log-posterior, because the error model is only approximately right.
 """
 
 from collections.abc import Sequence
@@ -23,44 +25,60 @@ from localizer.search.fit.residuals import evaluate
 Floats = NDArray[np.float64]
 
 COARSE_COLUMNS = 120
-"""Columns of all frames together in the first refinement of each start, and ..."""
+"""Columns of all frames together in coarse fits and on grids. Tuned on time. @S:fit.local_optima.COARSE_COLUMNS@"""
 MIDDLE_COLUMNS = 480
-"""... in the comparison of the contenders, and ..."""
+"""Columns in comparisons of places. Tuned on time. @S:fit.local_optima.MIDDLE_COLUMNS@"""
 FINE_COLUMNS = 1000
-"""... where the peaks around the best of them are told apart."""
+"""Columns in the fits that distinguish the optima around one place. Tuned on time. @S:fit.local_optima.FINE_COLUMNS@"""
 GRID_CELLS = (2.4, 0.4)
-"""How far around a fit other places are tried for a better one, and how far apart these are."""
+"""Reach and step of the search grid around a fit. Tuned on the scenario ``dem_error``. @S:fit.local_optima.GRID_CELLS@"""
 GRID_STARTS = 3
+"""Refits from the grid under each DEM error. Tuned on time and on the scenario ``dem_error``.
+@S:fit.local_optima.GRID_STARTS@"""
 GRID_ERROR_FACTORS = (0.2, 1.5)
-"""What is taken for a DEM's error in that, in terms of what is usual."""
+"""DEM errors on the grid, as factors of the nominal one. Tuned on the scenario ``dem_error``.
+@S:fit.local_optima.GRID_ERROR_FACTORS@"""
 FINE_GRID_CELLS = (0.6, 0.15)
-"""The same around the best of the places found, where these are not one and the same."""
+"""Reach and step of the finer grid, used if the refits end at different optima. Tuned on the scenario ``dem_error``.
+@S:fit.local_optima.FINE_GRID_CELLS@"""
 MOMENT_GRID_CELLS = (3.0, 0.6)
-"""The same for how far places reach that are hardly less likely than the best one."""
+"""Reach and step of the grid for the second moment. Tuned on the scenario ``dem_error``.
+@S:fit.local_optima.MOMENT_GRID_CELLS@"""
 MOMENT_NATS = 15.0
+"""A point of that grid is plausible if a short refit from it stays there and its evidence is lower by at most this. Tuned on
+the scenario ``dem_error``. @S:fit.local_optima.MOMENT_NATS@"""
 MOMENT_ITERATIONS = 6
-"""A place with so much less evidence, fitted a little, is less likely. So is one whose fit goes back."""
+"""Iterations of that refit."""
 MOST_FINE_FITS = 4
+"""Optima that are refitted with fine columns. Tuned on time. @S:fit.local_optima.MOST_FINE_FITS@"""
 LEAST_EVIDENCE_TO_REFINE = 0.0
+"""A place with less evidence explains nothing and is not refined further."""
 SAME_OPTIMUM_CELLS = 0.05
+"""Fits this close together have reached the same optimum."""
 CLEAN_INLIER_SHARE = 0.98
-"""Share of columns that fit, from which there is no stretch that could bend the fit."""
+"""With a larger inlier share no stretch of outliers can bias the fit. Tuned on the scenario ``dem_error``.
+@S:fit.local_optima.CLEAN_INLIER_SHARE@"""
 STRICT_SIGMA_FACTOR = 0.3
+"""Factor on the DEM error where outliers are identified in the strict fits: a stretch that biased the fit can then become an
+outlier. Tuned on the scenario ``dem_error``. @S:fit.local_optima.STRICT_SIGMA_FACTOR@"""
 MOST_STRICT_FITS = 2
-"""Factor on the DEM's error that tells stray columns in a last attempt: a stretch that bent the fit may let go of it."""
+"""Number of strict fits."""
 LIKELY_OPTIMUM_SHARE = 0.05
-"""Share of the best peak's likelihood."""
+"""Optima with at least this share of the best one's posterior contribute to the evidence. Tuned on the scenario ``dem_error``.
+@S:fit.local_optima.LIKELY_OPTIMUM_SHARE@"""
 LEAST_COLUMNS = 30
-"""Fewer cannot tell a place."""
+"""Fewer columns cannot determine a place."""
 SAME_PLACE_CELLS = 2.0
+"""Fits this close together are one place."""
 TEMPERATURE_PER_M = 10.0
-"""By how much the log-likelihood of peaks close to each other is divided for each metre of the DEM's error: the error model is
-only about right, and what a horizon does where one ridge hides another depends on details that it does not have."""
+"""Temperature of the posterior over optima, 1 + this per metre of smooth DEM error. The error model is only approximately
+right: where one ridge occludes another, the horizon depends on details that the model lacks. Tuned on the scenario
+``dem_error``. @S:fit.local_optima.TEMPERATURE_PER_M@"""
 
 
 @dataclass(frozen=True)
 class Problems:
-    """One standpoint with few columns for many attempts, and with more for fewer of them."""
+    """The problem of one standpoint at four numbers of columns."""
 
     coarse: Problem
     middle: Problem
@@ -76,7 +94,7 @@ def problems_of(
     uses_edge_columns: bool = False,
     sector_columns: int | None = None,
 ) -> Problems:
-    """The observations and priors of one standpoint; the options are those of ``Problem``."""
+    """The problems of one standpoint; the options are those of ``Problem``."""
     columns = sum(len(c.rays) for c in contours)
 
     def thinned(most: int) -> Problem:
@@ -94,10 +112,10 @@ def problems_of(
 
 
 def without_edge_columns(problems: Problems, place: Refined) -> Problems:
-    """The same without the columns whose horizon lies, from a place, where the DEM ends; as they are where too few are left.
+    """The problems without the columns that lie at the DEM edge as seen from a place; unchanged if too few are left.
 
-    Places close to each other are compared by the same columns: else one would win that has less of its horizon there. What
-    is left of a stretch of the horizon speaks for no more than it did.
+    Places close together are then compared on the same columns. A sector that lost columns keeps its nominal number of
+    columns, so that the rest of it does not gain weight (effective sample size).
     """
     full = problems.full
     inside = ~_edge_columns(full, place)
@@ -117,7 +135,7 @@ def without_edge_columns(problems: Problems, place: Refined) -> Problems:
 
 
 def has_edge_columns(problem: Problem, place: Refined) -> bool:
-    """Whether any column has its horizon, as seen from a place, where the DEM ends."""
+    """Whether the predicted horizon of any column lies at the DEM edge."""
     return bool(_edge_columns(problem, place).any())
 
 
@@ -127,26 +145,26 @@ def _edge_columns(problem: Problem, place: Refined) -> NDArray[np.bool_]:
 
 
 def best_local_optimum(problems: Problems, start: Refined, largest: float) -> Refined:
-    """The best place around a coarse fit, with all columns, its noise estimated there.
+    """The best local optimum around a coarse fit, with all columns and its own noise.
 
-    A fit beside the best place may have taken its misfit for the DEM's error, and a larger error leaves it no reason to move.
-    So the search about it takes several sizes for granted, each of the places found has its own noise estimated, and the
-    likeliest under its own counts. Where nothing explains the contours better than chance does, it is not looked for closer.
+    A fit in a wrong optimum may attribute its residuals to the DEM error, and with a large DEM error nothing moves it away. The
+    grid search therefore assumes several DEM errors, each optimum gets its own noise, and the one with the best posterior
+    under its own noise counts. A place without evidence is not refined further.
     """
     problems = without_edge_columns(problems, start)
-    found = refit(problems.middle, start, largest, estimate_noise=True)
+    first_fit = refit(problems.middle, start, largest, estimate_noise=True)
     usual = problems.full.nominal_error_m
     length_m = INITIAL_LENGTH_CELLS * problems.full.terrain.cell_m
-    correlation = found.correlation_columns
-    noises = [Noise(found.dem_error_m, correlation, found.error_model)] + [
+    correlation = first_fit.correlation_columns
+    noises = [Noise(first_fit.dem_error_m, correlation, first_fit.error_model)] + [
         Noise(share * usual, correlation, ErrorModel(0.1 * share * usual, share * usual, length_m))
         for share in GRID_ERROR_FACTORS
     ]
-    fits = _fits_from_grid(problems, found, noises, largest, estimate_noise=True)
-    if max(fit.evidence for fit in [found, *fits]) < LEAST_EVIDENCE_TO_REFINE:
+    fits = _fits_from_grid(problems, first_fit, noises, largest, estimate_noise=True)
+    if max(fit.evidence for fit in [first_fit, *fits]) < LEAST_EVIDENCE_TO_REFINE:
         thinned = len(problems.full.sigma_rad) / len(problems.middle.sigma_rad)
-        return replace(found, correlation_columns=found.correlation_columns * thinned)
-    starts = distinct([found, *sorted(fits, key=lambda r: r.neg_log_posterior)], GRID_CELLS[1])[
+        return replace(first_fit, correlation_columns=first_fit.correlation_columns * thinned)
+    starts = distinct([first_fit, *sorted(fits, key=lambda r: r.neg_log_posterior)], GRID_CELLS[1])[
         :MOST_FINE_FITS
     ]
     fine_fits = [_refit_with_noise(problems.fine, start, largest) for start in starts]
@@ -176,7 +194,7 @@ def refit(
     likelihood_from: int = LIKELIHOOD_FROM,
     sigma_factor: float = 1.0,
 ) -> Refined:
-    """Refine once more from where another refinement ended, with its ``noise`` to begin with where no other is given."""
+    """Refine from the result of another fit, with its noise unless ``noise`` is given."""
     return refine(
         problem,
         start.row,
@@ -193,7 +211,7 @@ def refit(
 
 
 def rescaled_noise(thinning: float, fit: Refined) -> Noise:
-    """The noise of a fit, for a problem with fewer columns by a factor."""
+    """The noise of a fit for a problem whose columns are fewer by the factor ``thinning``."""
     return Noise(fit.dem_error_m, max(1.0, fit.correlation_columns / thinning), fit.error_model)
 
 
@@ -207,13 +225,13 @@ def distinct(candidates: list[Refined], radius_cells: float) -> list[Refined]:
 
 
 def _fits_from_grid(
-    problems: Problems, found: Refined, noises: Sequence[Noise], largest: float, *, estimate_noise: bool
+    problems: Problems, first_fit: Refined, noises: Sequence[Noise], largest: float, *, estimate_noise: bool
 ) -> list[Refined]:
-    """Fits from the likeliest places around another under each noise, which is held unless they ``settle`` their own."""
+    """Fits from the best grid points around another fit under each noise."""
     return [
         refit(
             problems.middle,
-            replace(found, row=row, col=col, altitude_m=altitude_m),
+            replace(first_fit, row=row, col=col, altitude_m=altitude_m),
             largest,
             estimate_noise=estimate_noise,
             noise=noise,
@@ -221,13 +239,13 @@ def _fits_from_grid(
             likelihood_from=0,
         )
         for row, col, altitude_m, noise in grid_optima(
-            problems.coarse, found, noises, *GRID_CELLS, GRID_STARTS
+            problems.coarse, first_fit, noises, *GRID_CELLS, GRID_STARTS
         )
     ]
 
 
 def _fits_from_fine_grid(problems: Problems, best: Refined, largest: float) -> list[Refined]:
-    """Fits from the likeliest places close around the best one so far."""
+    """Fits from the best points of the fine grid around the best fit so far."""
     ratio = len(problems.middle.sigma_rad) / len(problems.fine.sigma_rad)
     noise = Noise(best.dem_error_m, max(1.0, best.correlation_columns * ratio), best.error_model)
     places = grid_optima(problems.middle, best, [noise], *FINE_GRID_CELLS, GRID_STARTS)
@@ -238,18 +256,18 @@ def _fits_from_fine_grid(problems: Problems, best: Refined, largest: float) -> l
 
 
 def _refit_with_noise(problem: Problem, start: Refined, largest: float, sigma_factor: float = 1.0) -> Refined:
-    """A fit that starts from another one's noise and settles its own."""
+    """A fit that starts with another one's noise and estimates its own."""
     return refit(problem, start, largest, estimate_noise=True, likelihood_from=0, sigma_factor=sigma_factor)
 
 
 def _averaged_over_optima(
     problems: Problems, best: Refined, fine_fits: list[Refined], coarse_fits: list[Refined], largest: float
 ) -> Refined:
-    """The best fit, moved to the mean of all finals by their likelihoods, its covariance widened by how far the fits lie apart.
+    """The best fit moved to the mean over the optima by their tempered posterior, with the total covariance.
 
-    And by how far around it the likelihood is flat, or has peaks that no fit ended in. ``best`` has all columns, ``finals``,
-    the best of them first, fewer; ``others``, of fewer still, only widen it. Whichever of the likely peaks explains the
-    contours best, by so much the place does.
+    The covariance is that of the best fit, plus the spread of the optima, plus the second moment on a grid for optima that no
+    fit reached. ``best``: with all columns; ``fine_fits``: with fewer, the best first; ``coarse_fits`` contribute only to
+    the spread. The evidence is the largest among the likely optima.
     """
     terrain, coarse = problems.full.terrain, problems.coarse
     temperature = 1.0 if terrain.exact else 1.0 + TEMPERATURE_PER_M * best.error_model.smooth_m
@@ -272,9 +290,9 @@ def _averaged_over_optima(
     row, col = np.array([best.row, best.col]) + mean - place[0]
     averaged = _at(best, float(row), float(col), terrain)
     noise = rescaled_noise(coarse.stride, best)
-    # Where the noise is each column's own, few columns tell as much less; the DEM's is blunted anyway.
+    # With independent noise, fewer columns carry less information: scale the temperature.
     fewer = len(coarse.sigma_rad) / len(problems.full.sigma_rad)
-    evaluation = refit(coarse, averaged, largest, noise=noise, iterations=MOMENT_ITERATIONS)
+    reference = refit(coarse, averaged, largest, noise=noise, iterations=MOMENT_ITERATIONS)
 
     def plausible(row: float, col: float, altitude_m: float) -> bool:
         start = replace(averaged, row=row, col=col, altitude_m=altitude_m)
@@ -282,7 +300,7 @@ def _averaged_over_optima(
         stays = np.hypot(refitted.row - row, refitted.col - col) < np.hypot(
             refitted.row - averaged.row, refitted.col - averaged.col
         )
-        return bool(stays and refitted.evidence >= evaluation.evidence - MOMENT_NATS)
+        return bool(stays and refitted.evidence >= reference.evidence - MOMENT_NATS)
 
     grid_moment_m2 = grid_second_moment(
         coarse, averaged, noise, *MOMENT_GRID_CELLS, fewer * temperature, plausible
@@ -295,7 +313,7 @@ def _averaged_over_optima(
 
 
 def _at(fit: Refined, row: float, col: float, terrain: Terrain) -> Refined:
-    """The same a little way off, as high above the ground."""
+    """The fit at a position nearby, at the same height above the ground."""
     rise_m = float(terrain.dem.ground_m(row, col)) - float(terrain.dem.ground_m(fit.row, fit.col))
     altitude_m = fit.altitude_m + (rise_m if np.isfinite(rise_m) else 0.0)
     return replace(fit, row=row, col=col, altitude_m=altitude_m)

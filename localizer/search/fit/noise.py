@@ -1,8 +1,8 @@
-"""What the residuals are made of, estimated from themselves.
+"""Estimation of the noise from the residuals (empirical Bayes).
 
-A column's uncertainty is its own sigma in the image and the DEM's error seen from afar, which neighbouring columns share
-(`error_model`). How large that error is, is estimated from the residuals: robustly at first, from their median, to tell stray
-columns from others; then by its likelihood, together with how far it reaches along the ground.
+The variance of a column is that of the contour, which is given, and that of the DEM error, which is estimated here: at first
+robustly from the median absolute residual (MAD = 0.6745 sigma), to identify outliers; later by maximum marginal likelihood,
+together with its correlation length (``correlated_errors``).
 """
 
 from dataclasses import dataclass
@@ -20,21 +20,26 @@ from localizer.search.fit.residuals import INTERPOLATION_ERROR_SHARE, Evaluation
 Floats = NDArray[np.float64]
 
 LEAST_DEM_ERROR_M = 0.1
+"""Least robust estimate of the DEM error. Tuned on the simulated cases of ``sim evaluate``. @S:fit.noise.LEAST_DEM_ERROR_M@"""
 LEAST_SMOOTH_M = 0.05
+"""Least smooth DEM error. Tuned on the simulated cases of ``sim evaluate``. @S:fit.noise.LEAST_SMOOTH_M@"""
 LEAST_ROUGH_SHARE = 0.15
-"""No DEM is better than this, in terms of what the ground does between its cells."""
+"""Least rough DEM error, as a share of the interpolation error between the cells. Tuned on the scenario ``dem_error``.
+@S:fit.noise.LEAST_ROUGH_SHARE@"""
 INITIAL_LENGTH_CELLS = 8.0
-"""How far a DEM's error is taken to reach along the ground until its likelihood tells: hardly, so that all columns count."""
+"""Correlation length until it is estimated: short, so that all columns count. Tuned on the scenario ``dem_error``.
+@S:fit.noise.INITIAL_LENGTH_CELLS@"""
 LEAST_AUTOCORRELATION = 0.05
-"""Where the correlation has fallen to this it is lost in its own noise."""
+"""The sum of the autocorrelations is cut off where they fall below this. Tuned on the simulated cases of ``sim evaluate``.
+@S:fit.noise.LEAST_AUTOCORRELATION@"""
 
 
 @dataclass(frozen=True)
 class Noise:
-    """What the residuals are made of.
+    """The noise of the residuals.
 
-    ``spread_m`` is the DEM's error for which the median residual is what it should be, ``correlation_columns`` how many
-    neighbouring columns are worth one independent one: they tell stray columns and chance. ``model`` weighs the columns.
+    ``robust_sigma_m``: DEM error by the median absolute residual; it identifies outliers. ``correlation_columns``: columns per
+    effective sample, for the evidence. ``model``: covariance model that whitens the residuals.
     """
 
     robust_sigma_m: float
@@ -43,7 +48,7 @@ class Noise:
 
 
 def initial_noise(terrain: Terrain, dem_error_m: float) -> Noise:
-    """What the residuals are taken for before there are any."""
+    """The noise before there are residuals to estimate it from."""
     return Noise(
         dem_error_m,
         1.0,
@@ -61,7 +66,7 @@ def estimated_noise(
     largest_dem_error_m: float,
     by_likelihood: bool,
 ) -> Noise:
-    """The noise by the residuals at a place, given what it was taken for ``before``."""
+    """The noise estimated from the residuals at a place; ``previous``: the estimate that they were weighted with."""
     informative = informative_columns(
         evaluation, residual_sigma(problem, evaluation, previous.robust_sigma_m)
     )
@@ -69,7 +74,7 @@ def estimated_noise(
     normalised = evaluation.residual / residual_sigma(problem, evaluation, robust_sigma_m)
     limits = possible_models(problem, largest_dem_error_m)
     if not by_likelihood:
-        # All of it taken for rough, so that no stretch of the horizon is explained away.
+        # All of it counts as rough, so that a smooth error cannot absorb the residuals of a whole sector.
         length_m = INITIAL_LENGTH_CELLS * problem.terrain.cell_m
         model = ErrorModel(max(robust_sigma_m, limits.least_rough_m), limits.least_smooth_m, length_m)
     else:
@@ -84,7 +89,7 @@ def estimated_noise(
 
 
 def possible_models(problem: Problem, largest_dem_error_m: float) -> ModelRange:
-    """The error models among which the residuals decide."""
+    """The range of error models to choose from."""
     terrain, usual_m = problem.terrain, problem.nominal_error_m
     between_m = (
         0.0
@@ -102,7 +107,7 @@ def possible_models(problem: Problem, largest_dem_error_m: float) -> ModelRange:
 def _robust_dem_error_m(
     problem: Problem, evaluation: Evaluation, informative: NDArray[np.bool_], largest: float
 ) -> float:
-    """The DEM's error for which the median residual is what a Gaussian's is (0.6745 sigma)."""
+    """DEM error for which the median absolute normalised residual is 0.6745, as of a Gaussian; by bisection."""
     if not informative.any():
         return largest
     size = np.abs(evaluation.residual[informative])
@@ -119,7 +124,7 @@ def _robust_dem_error_m(
 
 
 def _autocorrelation_columns(problem: Problem, informative: NDArray[np.bool_], normalised: Floats) -> float:
-    """How many columns are worth one: one plus twice the sum of the correlations along the contours, 1 for white noise."""
+    """Columns per effective sample: 1 + 2 (sum of the autocorrelations along the contours); 1 for white noise."""
     value = normalised * np.sqrt(weights(informative, normalised))
     frames = [value[problem.frame_of == i] for i in range(len(problem.contours))]
     power = max(float((value**2).mean()), 1e-12)

@@ -1,4 +1,7 @@
-"""What a place costs: the columns along the horizon and the priors, as the error model weighs them."""
+"""The objective: the negative log-posterior of the unknowns, up to a constant.
+
+It is the sum of half the squared whitened residuals, the log-normalisation of their covariance, the outliers' part, and half
+the squared normalised deviations from the priors."""
 
 from dataclasses import replace
 
@@ -13,13 +16,17 @@ from localizer.search.fit.residuals import LARGEST_SLOPE, Evaluation
 Floats = NDArray[np.float64]
 
 GROUND_ERROR_FACTOR = 1.5
-"""The ground under the camera is known less well than a ridge, which the profile of a whole mountain carries."""
+"""Error of the ground under the camera over that of a ridge, whose height follows from the profile of a whole mountain. Tuned
+on the simulated cases of ``sim evaluate``. @S:fit.objective.GROUND_ERROR_FACTOR@"""
 
 
 def ordered_columns(
     problem: Problem, x: Floats, evaluation: Evaluation, model: ErrorModel, weight: Floats
 ) -> Columns:
-    """The columns along the horizon and the priors, for the error model; stray columns (of small ``weight``) count as noisy."""
+    """The columns ordered by azimuth, and the priors, as the error model takes them.
+
+    M-estimation by reweighting: the white variance of a column is divided by its ``weight`` (n,).
+    """
     order = problem.order
     slope2 = np.minimum(evaluation.slope**2, LARGEST_SLOPE**2)
     distance = evaluation.error_distance_m[order]
@@ -45,9 +52,10 @@ def visible_nll(
     sigma: Floats,
     informative_nll: float,
 ) -> float:
-    """What the columns cost that show terrain, even where it is left open which; ``telling_cost``: of those that tell it.
+    """Negative log-likelihood of all visible columns; ``informative_nll``: that of the informative ones.
 
-    Undecided columns do not move a fit. But were they free, the likeliest place would be the one that leaves most undecided.
+    Undetermined columns do not influence a fit. Without a term here, however, the objective would favour places with many
+    undetermined columns.
     """
     visible = visible_columns(evaluation, sigma)
     if np.array_equal(informative_columns(evaluation, sigma), visible):
@@ -58,9 +66,9 @@ def visible_nll(
 
 
 def normalisation_term(problem: Problem, x: Floats, evaluation: Evaluation, model: ErrorModel) -> float:
-    """Half the logarithm of the determinant of the covariance that the residuals are expected to have.
+    """Log-normalisation of the Gaussian: 0.5 ln det of the covariance of the residuals.
 
-    A place whose horizon is near explains almost anything; that it had to be expected to be so far off counts against it.
+    At a place with a near horizon large residuals are expected. This term is the price for the large variance.
     """
     return half_log_determinant(
         ordered_columns(problem, x, evaluation, model, np.ones(len(evaluation.residual))), model
@@ -68,7 +76,7 @@ def normalisation_term(problem: Problem, x: Floats, evaluation: Evaluation, mode
 
 
 def prior_residuals(problem: Problem, x: Floats, evaluation: Evaluation, s: float) -> tuple[Floats, Floats]:
-    """Normalised misfits of the priors (k,) and their derivatives (k, parameters)."""
+    """Normalised deviations from the priors (k,) and their derivatives (k, parameters); ``s``: DEM error, metres."""
     known = np.isfinite(problem.prior_sigma_deg)
     residual = [x[known] / problem.prior_sigma_deg[known]]
     jacobian = [np.diag(1.0 / problem.prior_sigma_deg)[known]]
@@ -92,6 +100,6 @@ def prior_residuals(problem: Problem, x: Floats, evaluation: Evaluation, s: floa
 
 
 def prior_nll(problem: Problem, x: Floats, evaluation: Evaluation, model: ErrorModel) -> float:
-    """Half the sum of the priors' squared misfits."""
+    """Half the sum of the squared normalised deviations from the priors."""
     residual, _ = prior_residuals(problem, x, evaluation, model.size_m)
     return 0.5 * float((residual**2).sum())

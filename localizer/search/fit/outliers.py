@@ -1,4 +1,12 @@
-"""Which columns speak for or against a place, and how much: stray and hidden ones little, or not at all."""
+"""Outliers, occlusion and evidence: which columns count, with which weight, and how well they support a place.
+
+Columns are weighted by the Geman-McClure M-estimator: with u = (r / sigma)^2 and the scale c,
+
+    loss = 0.5 u / (1 + u / c^2),    weight = 1 / (1 + u / c^2)^2.
+
+The evidence of a place is the logarithm of the Bayes factor of this place against an unrelated one (``log_bayes_factor``), less
+the Occam factor of the angles that the sensors leave free (``occam_penalty``).
+"""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,39 +18,46 @@ from localizer.search.stage2 import GEMAN_MCCLURE_SIGMAS
 Floats = NDArray[np.float64]
 
 UNRELATED_SKYLINE_RAD = np.radians(3.0)
-"""By how much skylines of unrelated places differ."""
+"""Standard deviation of the residuals at an unrelated place: the null model of the Bayes factor. Tuned on the simulated cases
+of ``sim evaluate``. @S:fit.outliers.UNRELATED_SKYLINE_RAD@"""
 RESOLVED_SIGMAS = 3.0
-"""What is seen in a column tells two heights apart that differ by as many of its standard deviations."""
+"""A column resolves two heights that differ by so many of its standard deviations. Tuned on the scenario ``dem_error``.
+@S:fit.outliers.RESOLVED_SIGMAS@"""
 OUTLIER_STRETCH_RAD = np.radians(15.0)
-"""How much of the horizon a cloud or a tree hides."""
+"""Length of horizon that one cloud or tree occludes: outliers come in such stretches. Tuned on the simulated cases of
+``sim evaluate``. @S:fit.outliers.OUTLIER_STRETCH_RAD@"""
 MEDIAN_VARIANCE_RATIO = 0.5 * np.pi
-"""Of a median, in terms of the mean's, for Gaussian errors."""
+"""Variance of the median over that of the mean, for Gaussian errors."""
 OUTLIER_SHARE = 0.1
-"""Stretches that show something else than the terrain's skyline, to be expected anywhere."""
+"""Prior probability that a sector shows something else than terrain. Tuned on the simulated cases of ``sim evaluate``.
+@S:fit.outliers.OUTLIER_SHARE@"""
 
 
 def informative_columns(evaluation: Evaluation, sigma: Floats) -> NDArray[np.bool_]:
-    """Columns (n,) that show what the DEM knows: neither hidden nor undecided."""
+    """Mask (n,) of the informative columns: not occluded, not at the DEM edge, not undetermined."""
     return np.asarray(visible_columns(evaluation, sigma) & ~_undetermined(evaluation, sigma))
 
 
 def visible_columns(evaluation: Evaluation, sigma: Floats) -> NDArray[np.bool_]:
-    """Columns (n,) that show terrain that the DEM has, even where it is left open which."""
+    """Mask (n,) of the columns that show terrain of the DEM, undetermined ones included."""
     return np.asarray(~_occluded(evaluation, sigma) & ~evaluation.dem_edge)
 
 
 def visible_residual(evaluation: Evaluation, sigma: Floats) -> Floats:
-    """Residuals (n,) in radians of what is seen; of undecided columns from the horizon or what stands near, as fits better."""
+    """Residuals (n,) in radians.
+
+    Those of undetermined columns refer to the horizon or to near terrain, whichever fits better.
+    """
     by_near = evaluation.residual - evaluation.near_excess
     nearer = _undetermined(evaluation, sigma) & (np.abs(by_near) < np.abs(evaluation.residual))
     return np.where(nearer, by_near, evaluation.residual)
 
 
 def column_nll(evaluation: Evaluation, sigma: Floats) -> Floats:
-    """What columns (n,) cost (in logarithms) beyond one that fits exactly: by their residuals, or for being hidden.
+    """Negative log-likelihood of each column (n,), relative to an exact fit.
 
-    Where the DEM ends, what is seen may be its last terrain or something behind it, whichever costs less: no place pays for
-    lying near the end of the DEM.
+    A visible column has its Geman-McClure loss, an occluded one a constant, ln(UNRELATED_SKYLINE_RAD / sigma). A column at the
+    DEM edge has the smaller of both, so that a place near the edge has no disadvantage.
     """
     residual_nll = geman_mcclure(visible_residual(evaluation, sigma) / sigma)
     occluded_nll = np.log(UNRELATED_SKYLINE_RAD / sigma)
@@ -57,7 +72,7 @@ def column_nll(evaluation: Evaluation, sigma: Floats) -> Floats:
 
 
 def _occluded(evaluation: Evaluation, sigma: Floats) -> NDArray[np.bool_]:
-    """Where what stands near probably hides the horizon: what is seen is higher, by more than chance."""
+    """Mask (n,): near terrain probably occludes the horizon, since something significantly higher than the horizon is seen."""
     higher_seen = evaluation.near & (evaluation.residual > 0.0)
     return np.asarray(
         higher_seen & (geman_mcclure(evaluation.residual / sigma) >= np.log(UNRELATED_SKYLINE_RAD / sigma))
@@ -65,9 +80,9 @@ def _occluded(evaluation: Evaluation, sigma: Floats) -> NDArray[np.bool_]:
 
 
 def _undetermined(evaluation: Evaluation, sigma: Floats) -> NDArray[np.bool_]:
-    """Where what stands near rises so little above the horizon that the noise leaves open which of them is seen.
+    """Mask (n,): near terrain exceeds the horizon by less than a column resolves, so that either may be seen.
 
-    To take whatever is not much too high for the horizon would be to take the low half of the noise, and shift the place.
+    Using only the columns that are not too high would select the lower half of the noise and bias the place.
     """
     return np.asarray(
         evaluation.near
@@ -77,20 +92,20 @@ def _undetermined(evaluation: Evaluation, sigma: Floats) -> NDArray[np.bool_]:
 
 
 def weights(informative: NDArray[np.bool_], normalised: Floats) -> Floats:
-    """Between 1 for a column that fits and nothing for a stray one (Geman-McClure)."""
+    """Geman-McClure weights (n,): 1 for a column that fits, near 0 for an outlier, 0 for one that is not informative."""
     return np.asarray(informative / (1.0 + (normalised / GEMAN_MCCLURE_SIGMAS) ** 2) ** 2)
 
 
 def geman_mcclure(normalised: Floats) -> Floats:
-    """What columns (n,) cost by their residuals in sigmas: half the square of a small one, of any never more than a limit."""
+    """Geman-McClure loss (n,) of normalised residuals."""
     squared = normalised**2
     return np.asarray(0.5 * squared / (1.0 + squared / GEMAN_MCCLURE_SIGMAS**2))
 
 
 def outlier_penalty(problem: Problem, evaluation: Evaluation, sigma: Floats) -> float:
-    """What stray and hidden columns cost beyond what their weights leave of them in the sum of squares.
+    """Negative log-likelihood of outliers and occluded columns that the weighted sum of squares lacks.
 
-    They come in stretches of about STRAY_RAD, each of which is one accident.
+    They come in stretches of about OUTLIER_STRETCH_RAD, each of which counts as one event.
     """
     normalised = visible_residual(evaluation, sigma) / sigma
     weighted = 0.5 * normalised**2 * weights(visible_columns(evaluation, sigma), normalised)
@@ -99,11 +114,11 @@ def outlier_penalty(problem: Problem, evaluation: Evaluation, sigma: Floats) -> 
 
 
 def occam_penalty(problem: Problem, covariance: Floats) -> float:
-    """How much of the evidence went into angles that the sensors leave open, given the unknowns' ``covariance``.
+    """Occam factor of a Bayesian model comparison, for angles that the sensors leave free: sum of ln(prior sigma / posterior
+    sigma).
 
-    A frame that may be turned as one likes fits many a skyline. What a place explains then, it has to explain beyond that (the
-    Occam factor of a Bayesian comparison). The heading that all frames share is left out: without a compass it is as open
-    everywhere.
+    A frame with a free attitude fits many skylines; its evidence is reduced accordingly. The heading bias that all frames
+    share is left out: without a compass it is equally free at every place. ``covariance``: of the unknowns.
     """
     prior_deg = problem.prior_sigma_deg[TILT_BIAS:]
     posterior_deg = np.sqrt(np.diag(covariance)[TILT_BIAS:])
@@ -114,12 +129,16 @@ def occam_penalty(problem: Problem, covariance: Floats) -> float:
 def log_bayes_factor(
     problem: Problem, evaluation: Evaluation, sigma: Floats, white: Floats, correlation_columns: float
 ) -> float:
-    """Logarithm of how much likelier the contours are from this place than from an unrelated one.
+    """Logarithm of the Bayes factor of the contours at this place against an unrelated one.
 
-    From an unrelated place a skyline is off by CHANCE_RAD, and by about the same over a BLOCK_RAD of the horizon: each block is
-    one witness, which has to agree with its middle and column by column. Of the columns' ``sigma`` (n,) what is ``white`` (n,)
-    averages out in the middle as far as neighbouring columns are not correlated, the DEM's error does not. A block may be a
-    stray one, no matter where the camera stands; then it speaks neither for the place nor against it.
+    At an unrelated place the residuals are about UNRELATED_SKYLINE_RAD, and nearly constant over a sector. Each sector
+    therefore is one sample of n_eff independent columns, whose median m and scale (both normalised) must fit:
+
+        ln B = sum over sectors of  w ln( (1 - p) (UNRELATED_SKYLINE_RAD / s) exp(-0.5 max(|m|, scale)^2) + p ),
+
+    with p = OUTLIER_SHARE, w the share of the sector that is informative, and s the standard deviation of its median. Of the
+    columns' ``sigma`` (n,) the part ``white`` (n,) averages out over n_eff, the DEM error does not. n_eff is the number of
+    columns divided by ``correlation_columns``. An outlier sector contributes ln p at least.
     """
     normalised, informative = evaluation.residual / sigma, informative_columns(evaluation, sigma)
     total = 0.0

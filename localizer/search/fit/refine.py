@@ -1,9 +1,9 @@
-"""Sub-cell refinement: position together with everything that all columns share (errata, gap 8).
+"""Sub-cell refinement: Gauss-Newton with Levenberg-Marquardt damping, Geman-McClure weights, estimated noise (errata, gap 8).
 
-The observations are the contour's elevations; a robust least-squares fit (Gauss-Newton, damped, Geman-McClure weights) finds
-the most probable values of what is unknown (`problem`) and their covariance. What the residuals are taken for (`noise`) is
-estimated as it proceeds.
-"""
+Each iteration solves (H + lambda diag H) dx = -g for the unknowns of ``problem``, with H and g of the whitened, reweighted
+residuals, and accepts the step if the negative log-likelihood falls. The noise is re-estimated at certain iterations. The
+covariance is that of the Laplace approximation, averaged over the error models that remain plausible (Bayesian model
+averaging)."""
 
 from dataclasses import dataclass
 
@@ -48,30 +48,34 @@ from localizer.search.fit.residuals import Evaluation, central_differences, eval
 Floats = NDArray[np.float64]
 
 NOISE_UPDATES_AT = (2, 4, 6, 8, 10)
-"""Iterations at which the noise is estimated anew."""
+"""Iterations at which the noise is estimated."""
 NOISE_UPDATES_WARM_AT = (2, 4)
-"""The same for a fit that starts from another one's noise."""
+"""The same for a fit that starts with the noise of another one (warm start)."""
 LIKELIHOOD_FROM = 8
-"""From this iteration on by its likelihood. Before, an error that reaches far would explain a place that is some way off."""
+"""From this iteration on the noise is estimated by marginal likelihood. Earlier, a smooth DEM error could explain the
+residuals of a place far from the optimum. Tuned on the scenario ``dem_error``. @S:fit.refine.LIKELIHOOD_FROM@"""
 LEAST_DAMPING = 1e-6
 MOST_DAMPING = 50.0
+"""Range of the damping lambda."""
 LEAST_GAIN_NATS = 2e-2
-"""A step that lowers the cost by less ends the fit."""
+"""A step that lowers the negative log-posterior by less ends the fit. Tuned on time and on the scenario ``dem_error``.
+@S:fit.refine.LEAST_GAIN_NATS@"""
 PLACE_SHIFT_PER_M = 1.0
-"""How far the place moves per metre of a DEM's smooth error, beyond what the fit tells."""
+"""Standard deviation of the place per metre of smooth DEM error, beyond the linearised covariance. Tuned on the scenario
+``dem_error``. @S:fit.refine.PLACE_SHIFT_PER_M@"""
 RESAMPLING_SHIFT_CELLS = 0.015
-"""By so much of a cell the best place moves when the same cells are made into another surface."""
+"""Standard deviation of the place, in cells, when the same cells are interpolated by another surface. Tuned on the simulated
+cases of ``sim evaluate``, whose terrain is triangulated. @S:fit.refine.RESAMPLING_SHIFT_CELLS@"""
 
 
 @dataclass(frozen=True)
 class Refined:
-    """A refined candidate.
+    """A refined place.
 
-    ``row``, ``col`` in lattice coordinates; ``covariance_enu_m2`` (2, 2) of true east and north; ``fit_cost`` the negative
-    logarithm of the posterior but for a constant, under the error model that weighs the columns;
-    ``evidence`` by how much (in logarithms) the terrain explains the contours better than chance does;
-    ``misfit_per_column`` the mean of the columns' negative log-likelihood, which compares fits with different DEM errors;
-    ``residual_px`` per label of a coefficients with columns that count, over those that fit.
+    ``row``, ``col`` in lattice coordinates; ``covariance_enu_m2`` (2, 2) of true east and north. ``neg_log_posterior``: up to a
+    constant, under the fit's own error model. ``evidence``: log Bayes factor against an unrelated place.
+    ``mean_column_nll``: mean negative log-likelihood of a column, comparable between fits with different DEM errors.
+    ``residual_px``: RMS residual of the inliers, by the label of each frame that has columns.
     """
 
     row: float
@@ -94,11 +98,11 @@ class Refined:
 
     @property
     def log_odds(self) -> float:
-        """By how much (in logarithms) contours and readings together are likelier from here than from an unrelated place."""
+        """Evidence together with the readings: log Bayes factor of contours and sensors against an unrelated place."""
         return self.evidence - 0.5 * self.prior_chi2
 
     def parameters(self) -> Floats:
-        """The unknowns as ``Problem`` orders them, metres counted from the place itself."""
+        """The unknowns in the order of ``Problem``, with the place itself as origin."""
         return np.concatenate(
             [
                 [0.0, 0.0, self.altitude_m, self.azimuth_bias_deg, self.tilt_bias_deg],
@@ -121,11 +125,11 @@ def refine(
     likelihood_from: int = LIKELIHOOD_FROM,
     sigma_factor: float = 1.0,
 ) -> Refined:
-    """Fit from a cell to the sub-cell optimum near it.
+    """Fit from a starting place to the local optimum near it.
 
-    ``noise`` is what the residuals are taken for to begin with. With ``settle`` it is estimated from them as the fit proceeds,
-    the DEM's error up to ``largest_dem_error_m``, from iteration ``likely_from`` on by its likelihood; else it is held.
-    ``sigma_factor``: factor on the DEM's error that tells stray columns.
+    ``noise``: the initial noise. With ``estimate_noise`` it is re-estimated during the fit, with a DEM error of at most
+    ``largest_dem_error_m``, from iteration ``likelihood_from`` on by marginal likelihood; otherwise it is fixed.
+    ``sigma_factor``: factor on the DEM error where outliers are identified; below 1 more columns are outliers.
     """
     x = np.zeros(problem.size)
     x[ALTITUDE], x[AZIMUTH_BIAS] = altitude_m, azimuth_bias_deg
@@ -146,7 +150,7 @@ def refine(
         gain = 0.0
         for by_differences in (False, True):
             if by_differences:
-                # Where the horizon leaps from ridge to ridge the tangent misleads.
+                # The horizon may jump from one ridge to another, where the analytic derivative is not representative.
                 evaluation.jacobian[:, :AZIMUTH_BIAS] = central_differences(
                     problem, x, origin, coefficients, evaluation.guess_m
                 )
@@ -252,9 +256,9 @@ def _result(
 
 
 def _shift_sigma_m(problem: Problem, model: ErrorModel) -> float:
-    """By how much a DEM's errors shift the best place beyond what the linearised fit says: one sigma in each direction.
+    """Standard deviation of the place by DEM errors, per direction, beyond the linearised covariance.
 
-    A smooth error tilts all that is near, the ground under the camera too.
+    A smooth error tilts the near terrain and the ground under the camera together.
     """
     if problem.terrain.exact:
         return 0.0
@@ -264,7 +268,8 @@ def _shift_sigma_m(problem: Problem, model: ErrorModel) -> float:
 
 
 def _averaged_covariance(models: list[tuple[ErrorModel, NormalEquations]]) -> Floats:
-    """Of the parameters, over the models that the residuals leave possible: the fit moves with the model, too."""
+    """Covariance of the parameters averaged over error models by their evidence, with the spread of their optima (law of total
+    variance)."""
     evidence = np.array([normal.log_evidence for _, normal in models])
     share = np.exp(evidence - evidence.max())
     share /= share.sum()

@@ -1,7 +1,13 @@
-"""The skyline as it should be seen from a place, and how the observed one differs from it.
+"""Residuals: observed minus predicted elevation of the skyline in each column, and their derivatives by the unknowns.
 
-Beside the residuals and their derivatives by all that is unknown: where the horizon is, whether something nearer hides it, and
-the ground under the camera.
+With the horizon's elevation e, its distance d and slope s = de/da over the azimuth a, and the residual r = observed - e:
+
+    dr/d(east)     = -(s cos a / d + n sin a)         the horizon's point stays where it is
+    dr/d(north)    = -(-s sin a / d + n cos a)        with n = cos^2 e (tan e + 2 D d) / d, D the drop by curvature
+    dr/d(altitude) = cos^2 e / d
+    dr/d(azimuth)  = s
+
+The predicted horizon excludes terrain nearer than ``Terrain.near_m``, which the DEM does not resolve.
 """
 
 from dataclasses import dataclass
@@ -25,43 +31,49 @@ from localizer.search.fit.problem import (
 Floats = NDArray[np.float64]
 
 SLOPE_STEP_RAD = np.radians(0.06)
+"""Step of the difference quotient for the skyline's slope."""
 DIFFERENCE_STEP_M = 0.5
+"""Step of the central differences by place and altitude."""
 INTERPOLATION_ERROR_SHARE = 0.1
-"""How far the ground between a DEM's cells lies from its surface, as a share of what that bends from cell to cell."""
+"""Interpolation error between the cells, as a share of the second difference from cell to cell. Tuned on the scenario
+``dem_error``. @S:fit.residuals.INTERPOLATION_ERROR_SHARE@"""
 SUMMIT_SMOOTHING_SHARE = 0.5
-"""A DEM rounds summits off: by one standard deviation so much of what a cell rises above its four neighbours."""
+"""A DEM is too low at summits: standard deviation, as a share of the height of a cell above its four neighbours. Tuned on the
+scenario ``twins``. @S:fit.residuals.SUMMIT_SMOOTHING_SHARE@"""
 LARGEST_SLOPE = 5.0
-"""A skyline steeper than this is no better known across itself."""
+"""Larger slopes of the skyline count as this in the variances. Tuned on ``sim evaluate --estimator-only``.
+@S:fit.residuals.LARGEST_SLOPE@"""
 LATERAL_ERROR_SHARE = 0.5
-"""A DEM errs sideways too; as a share of its vertical error."""
+"""Horizontal error of a DEM as a share of its vertical error. Tuned on the simulated cases of ``sim evaluate``.
+@S:fit.residuals.LATERAL_ERROR_SHARE@"""
 
 
 @dataclass
 class Evaluation:
-    """What is seen from a place, column by column (n,), and the ground there."""
+    """The prediction at one set of unknowns, compared with the observation in each column (n,), and the ground there."""
 
     residual: Floats
     jacobian: Floats
     distance: Floats
-    """Of the horizon beyond ``Terrain.near_m``, metres; the residual is of that."""
+    """Distance of the horizon beyond ``Terrain.near_m``, metres. The residual refers to this horizon."""
     near: NDArray[np.bool_]
-    """Whether the DEM has something nearer that is higher, ..."""
+    """Whether the DEM has terrain nearer than ``Terrain.near_m`` that is higher."""
     near_excess: Floats
-    """... and by how much, radians."""
+    """By how much the near terrain is higher, radians; 0 elsewhere."""
     dem_edge: NDArray[np.bool_]
-    """Whether the horizon lies where the DEM ends: no DEM can tell that, either."""
+    """Whether the predicted horizon lies at the DEM edge, where the true one is unknown."""
     guess_m: Floats
-    """Where the horizon is, near or far."""
+    """Distance of the horizon including near terrain: the initial guess for the next evaluation."""
     slope: Floats
-    """Of the skyline: its elevation by azimuth."""
+    """Slope of the skyline, elevation by azimuth."""
     error_per_m: Floats
-    """Radians in each column for a metre of the error that neighbouring columns share, ..."""
+    """Radians per metre of the correlated error, in each column."""
     error_distance_m: Floats
-    """... which is correlated along a way that is seen from so far away."""
+    """Distance at which the correlated error is seen, metres; it is correlated along the ground there."""
     ground_m: float
     ground_gradient: Floats
     ground_sigma_m: float
-    """How uncertain the ground under the camera is even where the DEM's cells are right."""
+    """Standard deviation of the ground under the camera by interpolation alone."""
 
 
 def evaluate(
@@ -73,7 +85,7 @@ def evaluate(
 ) -> Evaluation:
     """Residuals (n,) in radians and their derivatives (n, parameters) by metres and degrees.
 
-    ``guess_m``: distances (n,) of the horizon from a place nearby.
+    ``guess_m``: distances (n,) of the horizon at a place nearby, to save time.
     """
     terrain = problem.terrain
     row, col = place_of(x, origin, coefficients)
@@ -98,7 +110,7 @@ def evaluate(
     cos2 = np.cos(seen) ** 2
     nearing = cos2 * (np.tan(seen) + 2.0 * terrain.drop_per_m2 * d) / d
     jacobian = np.zeros((n, problem.size))
-    # The horizon's point stays where it is: moving right shifts it left by 1 / d, moving towards it raises it.
+    # The point of the terrain on the horizon stays fixed: see the equations above.
     jacobian[:, EAST] = -(slope * np.cos(azimuth) / d + nearing * np.sin(azimuth))
     jacobian[:, NORTH] = -(-slope * np.sin(azimuth) / d + nearing * np.cos(azimuth))
     jacobian[:, ALTITUDE] = cos2 / d
@@ -153,7 +165,7 @@ def evaluate(
 def central_differences(
     problem: Problem, x: Floats, origin: tuple[float, float], coefficients: Floats, guess_m: Floats
 ) -> Floats:
-    """Derivatives (n, 3) of the residuals by place and altitude, over steps of SECANT_STEP_M to either side."""
+    """Derivatives (n, 3) of the residuals by east, north and altitude, as central differences."""
     columns = []
     for parameter in (EAST, NORTH, ALTITUDE):
         step = np.zeros(problem.size)
@@ -165,7 +177,7 @@ def central_differences(
 
 
 def residual_sigma(problem: Problem, evaluation: Evaluation, s: float) -> Floats:
-    """Standard deviations (n,) of the residuals: of the contour across itself, and of what neighbouring columns share."""
+    """Standard deviations (n,) of the residuals: contour noise across the skyline, and a correlated error of ``s`` metres."""
     slope2 = np.minimum(evaluation.slope**2, LARGEST_SLOPE**2)
     return np.asarray(np.sqrt(problem.sigma_rad**2 * (1.0 + slope2) + (s * evaluation.error_per_m) ** 2))
 

@@ -192,7 +192,7 @@ def test_many_cells_and_a_narrow_skyline_leave_the_true_place_among_the_best(cro
         ),
     )
     _, ranked = stages(terrain, observation)
-    assert len(ranked.cuts) == 3
+    assert len(ranked.cutoffs) == 3
     assert np.isfinite(ranked.scored.disparity).all()
     off = np.hypot(*(ranked.scored.cells - np.array(PLACE)).T)
     assert off.min() < 1.0
