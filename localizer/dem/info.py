@@ -15,9 +15,9 @@ from localizer.dem.heights import heights_note, heights_text
 from localizer.dem.lattice import Dem
 
 NOTED_DATUM_ACCURACY_M = 5.0
-"""Less goes unsaid beside a fix: it is what NAD83 and ETRS89 differ by from WGS84."""
+"""Datum accuracies below this are not noted: NAD83 and ETRS89 differ from WGS84 by less."""
 FLAT_VOIDS_GAP_M = 100.0
-"""Zeros that lie so far below all other ground are no sea: a coast has every elevation in between."""
+"""Cells of 0 this far below all others are probably voids: a coast has all elevations in between."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Bounds:
 
 @dataclass(frozen=True)
 class DemInfo:
-    """Facts about a DEM; its files' own are in ``Dem.files``."""
+    """Properties of a DEM; those of its files are in ``Dem.files``."""
 
     rows: int
     cols: int
@@ -59,11 +59,11 @@ class DemInfo:
     wgs84_accuracy_m: float
     """One standard deviation that it adds to WGS84 positions."""
     vertical_datum: str
-    """What the elevations count from, and what was done about it."""
+    """Vertical datum and conversion, in words."""
 
 
 def dem_info(dem: Dem, date: datetime.date) -> DemInfo:
-    """Look at all of a DEM."""
+    """The properties of a DEM."""
     row, col = np.linspace(-0.5, dem.rows - 0.5, 9), np.linspace(-0.5, dem.cols - 0.5, 9)
     rows, cols = np.meshgrid(row, col)
     centre_lon_deg, centre_lat_deg = (float(value) for value in rowcol_to_lonlat(dem, row[4], col[4]))
@@ -92,7 +92,7 @@ def dem_info(dem: Dem, date: datetime.date) -> DemInfo:
 
 
 def declination_deg(lat_deg: float, lon_deg: float, altitude_m: float, date: datetime.date) -> float | None:
-    """Magnetic north clockwise from true north by the World Magnetic Model; None where it has no life at ``date``."""
+    """Magnetic declination by the World Magnetic Model; None if the model does not cover ``date``."""
     year = date.year + (date.timetuple().tm_yday - 1) / (366 if date.year % 4 == 0 else 365)
     model = GeoMag()
     first, last = model.life_span
@@ -153,7 +153,7 @@ def info_text(dem: Dem, info: DemInfo) -> str:
 
 
 def dem_notes(dem: Dem) -> list[str]:
-    """What whoever searches in a DEM should know of it, one line each."""
+    """Notes on a DEM for its users, one line each."""
     zeros = suspect_zeros(dem.z_m)
     overruled = [note for file in dem.files for note in file.overruled]
     notes = overruled + list(dem.joined_notes) + ([zeros_note(zeros)] if zeros else [])
@@ -170,7 +170,7 @@ def dem_notes(dem: Dem) -> list[str]:
 
 
 def zeros_note(count: int) -> str:
-    """What to do about suspicious zeros."""
+    """The note on suspicious zeros."""
     return f"{count} cells of 0 lie far below all others; if they are voids, say --nodata 0"
 
 

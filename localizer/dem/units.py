@@ -23,7 +23,7 @@ _NAMES = {
 
 
 UNSTATED = ("", "unspecified", "unknown", "undefined", "none", "n/a", "unitless", "1")
-"""What files say who say nothing of their unit."""
+"""Unit names in files that stand for no unit."""
 
 
 def unit_named(name: str) -> str | None:
