@@ -65,8 +65,7 @@ def _groups(tiles: Sequence[Tile]) -> list[list[Tile]]:
 
 
 def _warp_command(base: MergedLattice, tile: Tile, low: Floats, high: Floats) -> str:
-    """The gdalwarp command that resamples a file, which extends from ``low`` to ``high`` (row, col), onto the lattice
-    ``base``."""
+    """The gdalwarp command that resamples a file onto the lattice ``base``; it extends from ``low`` to ``high`` (row, col)."""
     t = base.transform
     top, left = (int(v) for v in np.floor(low + 0.5))
     bottom, right = (int(v) for v in np.ceil(high + 0.5))

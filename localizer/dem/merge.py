@@ -65,8 +65,7 @@ def check_cells(rows: int, cols: int, first: Tile) -> None:
 
 
 def shifted_by_period(first: Tile, tile: Tile) -> Tile:
-    """The tile with longitudes shifted by whole periods to be nearest to the first tile's, so that tiles adjoin across the
-    date line."""
+    """The tile, its longitudes shifted by whole periods towards the first tile's: tiles adjoin across the date line."""
     if not tile.crs.is_geographic or not first.crs.is_geographic:
         return tile
     middles = [t.transform.c + 0.5 * t.transform.a * t.z_m.shape[1] for t in (first, tile)]

@@ -1,4 +1,4 @@
-"""Boundaries that are sharp enough and yet no skyline: the top of a cloud on the ridge, the rim of the sun's glare."""
+"""Sharp boundaries that are no skyline: the top of a cloud on a ridge, the edge of the sun's glare."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,31 +6,31 @@ from numpy.typing import NDArray
 from localizer.skyline.reduced_image import ReducedImage
 from localizer.skyline.sky_boundary import SkyBoundary
 
-_CLOUD_ROWS, _CLOUD_GUESS = 8, -2.5
-"""What is brighter than the sky above it is a cloud if so many rows of it look like sky by these log odds; snow does not."""
+_CLOUD_ROWS, _CLOUD_ODDS = 8, -2.5
+"""Pixels brighter than the sky above are a cloud if the mean log-odds of so many rows are below this; snow has higher ones."""
 _BURNT_OUT = 97.0
-"""Lightness L of what has no colour left."""
+"""Lightness L of saturated pixels."""
 _GLARE_ROWS, _GLARE_STEP, _GLARE_SHARE = 12, 2, 0.5
-"""At the rim of a glare the light falls off over more than that many rows: less than this share of it happens at the edge."""
-_BESIDE = 3
-"""Columns to either side that are in doubt as well."""
+"""At the edge of a glare the lightness falls over many rows: less than this share of the fall is at the boundary itself."""
+_MARGIN_COLUMNS = 3
+"""Columns on either side that are flagged as well."""
 
 
 def false_boundary_columns(work: ReducedImage, boundary: SkyBoundary) -> NDArray[np.bool_]:
-    """Columns (w,) of the reduced picture where the boundary is one of these."""
-    doubtful = _cloud_top(work, boundary) | _rim_of_glare(work, boundary.row)
-    return np.convolve(doubtful, np.ones(2 * _BESIDE + 1), "same") > 0.5
+    """Mask (w,) of the columns of the reduced image with such a boundary."""
+    uncertain = _cloud_top(work, boundary) | _edge_of_glare(work, boundary.row)
+    return np.convolve(uncertain, np.ones(2 * _MARGIN_COLUMNS + 1), "same") > 0.5
 
 
 def _cloud_top(work: ReducedImage, boundary: SkyBoundary) -> NDArray[np.bool_]:
-    h, w = boundary.guess.shape
+    h, w = boundary.generic_odds.shape
     columns = np.arange(w)
     below = np.minimum(boundary.row[None, :] + np.arange(_CLOUD_ROWS)[:, None], h - 1)
-    looks = boundary.guess[below, columns].mean(axis=0)
-    return np.asarray((work.step[boundary.row, columns] < 0) & (looks < _CLOUD_GUESS))
+    mean_odds = boundary.generic_odds[below, columns].mean(axis=0)
+    return np.asarray((work.step[boundary.row, columns] < 0) & (mean_odds < _CLOUD_ODDS))
 
 
-def _rim_of_glare(work: ReducedImage, row: NDArray[np.int64]) -> NDArray[np.bool_]:
+def _edge_of_glare(work: ReducedImage, row: NDArray[np.int64]) -> NDArray[np.bool_]:
     h, w = work.texture.shape
     columns = np.arange(w)
 
