@@ -59,7 +59,7 @@ def draw_fix(
     right = GridSpecFromSubplotSpec(2, 1, whole[0, 1], height_ratios=(2.3, 1.0), hspace=0.2)
     draw_map(figure.add_subplot(right[0, 0]), result, dem, truth)
     below = GridSpecFromSubplotSpec(1, 2, right[1, 0], width_ratios=(1.25, 1.0), wspace=0.05)
-    _draw_zoom(figure.add_subplot(below[0, 0]), result, dem, truth)
+    _draw_detail(figure.add_subplot(below[0, 0]), result, dem, truth)
     _draw_legend(figure.add_subplot(below[0, 1]), result, truth)
     figure.savefig(path)
 
@@ -112,7 +112,7 @@ def draw_frame(axes: Axes, image: NDArray[np.uint8], frame: FrameDetail, residua
     height_px, width_px = image.shape[:2]
     axes.imshow(image[:, :, ::-1], interpolation="antialiased")
     for chosen, colour in ((~frame.used, DOUBTFUL), (frame.used, FOUND)):
-        u_px, v_px = _broken_line(frame, frame.found_u_px[chosen], frame.found_v_px[chosen])
+        u_px, v_px = _line_with_gaps(frame, frame.found_u_px[chosen], frame.found_v_px[chosen])
         axes.plot(u_px, v_px, color=colour, lw=2.8, solid_capstyle="round")
     order = np.argsort(frame.turned_px(frame.predicted_u_px, frame.predicted_v_px)[0])
     axes.plot(
@@ -128,7 +128,7 @@ def draw_frame(axes: Axes, image: NDArray[np.uint8], frame: FrameDetail, residua
     axes.set_title(f"{frame.label}{residual}", fontsize=11, loc="left", pad=4)
 
 
-def _broken_line(frame: FrameDetail, u_px: Floats, v_px: Floats) -> tuple[Floats, Floats]:
+def _line_with_gaps(frame: FrameDetail, u_px: Floats, v_px: Floats) -> tuple[Floats, Floats]:
     """The points in the order of their columns, once the frame has its sky up, with a gap wherever columns are missing."""
     column_px = frame.turned_px(u_px, v_px)[0]
     order = np.argsort(column_px)
@@ -143,7 +143,7 @@ def _broken_line(frame: FrameDetail, u_px: Floats, v_px: Floats) -> tuple[Floats
 def draw_map(axes: Axes, result: LocateResult, dem: Dem, truth: Truth | None) -> None:
     """The whole DEM, in kilometres of its metric CRS, with what each step of stage 1 left."""
     draw_relief(axes, dem, dem_bounds_m(dem), unit_m=1000.0)
-    for _, cells, colour, area in stages(result.details):
+    for _, cells, colour, area in stage1_steps_of(result.details):
         easting_m, northing_m = rowcol_to_metric(dem, cells[:, 0], cells[:, 1])
         axes.scatter(
             easting_m / 1000.0, northing_m / 1000.0, s=area, c=colour, marker="s", lw=0.0, rasterized=True
@@ -154,7 +154,7 @@ def draw_map(axes: Axes, result: LocateResult, dem: Dem, truth: Truth | None) ->
     few_ticks(axes, 7)
 
 
-def stages(details: LocateDetails) -> list[tuple[str, NDArray[np.int64], str, float]]:
+def stage1_steps_of(details: LocateDetails) -> list[tuple[str, NDArray[np.int64], str, float]]:
     """Name, cells, colour and area of a cell's mark for each step; the last step always has the last colour."""
     steps = list(details.survivors.items())
     along = np.linspace(1.0, 0.0, len(steps))[::-1]
@@ -169,7 +169,7 @@ def stages(details: LocateDetails) -> list[tuple[str, NDArray[np.int64], str, fl
     ]
 
 
-def _draw_zoom(axes: Axes, result: LocateResult, dem: Dem, truth: Truth | None) -> None:
+def _draw_detail(axes: Axes, result: LocateResult, dem: Dem, truth: Truth | None) -> None:
     """The surroundings of the fix, so large that its ellipse can be seen; metres of the ground from the fix."""
     position, covariance_m2 = result.fix.position, result.fix.covariance_m2
     if position is None or covariance_m2 is None:
@@ -285,7 +285,7 @@ def _draw_legend(axes: Axes, result: LocateResult, truth: Truth | None) -> None:
             Line2D([], [], ls="", marker="s", mfc=colour, mec="none", ms=7.0),
             f"{len(cells):,} cells left after {name}",
         )
-        for name, cells, colour, _ in stages(result.details)
+        for name, cells, colour, _ in stage1_steps_of(result.details)
     ]
     if result.fix.status == "ambiguous":
         handles.append((CANDIDATE_MARK, f"{len(result.fix.candidates)} candidates"))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from localizer.dem.geodesy import metric_to_rowcol
 from localizer.dem.lattice import Dem
-from localizer.show.candidates import Place
+from localizer.show.candidates import CandidatePlace
 
 Floats = NDArray[np.float64]
 
@@ -44,7 +44,7 @@ class Posterior:
         return dem.transform @ Affine.translation(self.first_col, self.first_row)
 
 
-def posterior(places: Sequence[Place], dem: Dem) -> Posterior:
+def posterior(places: Sequence[CandidatePlace], dem: Dem) -> Posterior:
     """Spread each place's probability over the cells that its Gaussian covers.
 
     What falls outside the DEM is lost: the sum is the probability that the camera stands on the DEM.
@@ -63,7 +63,7 @@ def posterior(places: Sequence[Place], dem: Dem) -> Posterior:
     return Posterior(probability.astype(np.float32), int(first[0]), int(first[1]))
 
 
-def _spread(place: Place, dem: Dem) -> tuple[NDArray[np.int64], Floats]:
+def _spread(place: CandidatePlace, dem: Dem) -> tuple[NDArray[np.int64], Floats]:
     """Cells (n, 2) of the DEM and the probability in each: a Gaussian's, sampled along the axes of its ellipse.
 
     The points lie as close as the cells ask for along each axis, so that an ellipse much smaller than a cell and one much

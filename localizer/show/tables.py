@@ -8,7 +8,7 @@ import numpy as np
 from localizer.bundle import Bundle
 from localizer.observation import NO_COMPASS_SIGMA_DEG
 from localizer.search.details import INCONSISTENT_BELOW, FrameDetail, LocateResult, SolvedErrors
-from localizer.show.candidates import Place
+from localizer.show.candidates import CandidatePlace
 
 FAR_SIGMAS = 3.0
 
@@ -40,7 +40,7 @@ def _table(heads: Sequence[str], rows: Iterable[Sequence[Cell | str]], words: It
     )
 
 
-def place_table(places: Sequence[Place]) -> Table:
+def place_table(places: Sequence[CandidatePlace]) -> Table:
     """Every place by rank."""
     return _table(
         ("rank", "probability", "latitude", "longitude", "easting", "northing", "1 sigma", "towards", "rms"),
@@ -61,7 +61,7 @@ def place_table(places: Sequence[Place]) -> Table:
     )
 
 
-def funnel_table(result: LocateResult) -> Table:
+def stage1_table(result: LocateResult) -> Table:
     """Cells left after each step of the first stage, as in the paper's Table I."""
     stage1 = result.fix.stage1
     steps = [

@@ -28,7 +28,7 @@ def sigmas_off(fix: Fix, truth: Truth, dem: Dem) -> float:
     return float(np.sqrt(off_m @ np.linalg.solve(np.array(fix.covariance_m2), off_m)))
 
 
-def report(fix: Fix, dem: Dem, truth: Truth | None = None) -> str:
+def fix_text(fix: Fix, dem: Dem, truth: Truth | None = None) -> str:
     """The fix in lines for people to read."""
     lines = [f"bundle      {fix.bundle}", f"status      {STATUS_IN_WORDS[fix.status]}"]
     if fix.reason is not None:
@@ -36,7 +36,9 @@ def report(fix: Fix, dem: Dem, truth: Truth | None = None) -> str:
     if fix.position is not None:
         lines += _position_lines(fix, fix.position, dem)
     if fix.position is not None and truth is not None:
-        lines.append(f"true error  {truth.distance_m(fix.position, dem):.1f} m  ({_off(fix, truth, dem)})")
+        lines.append(
+            f"true error  {truth.distance_m(fix.position, dem):.1f} m  ({_error_in_sigmas(fix, truth, dem)})"
+        )
     lines += [
         f"{'candidate' if i else 'candidates':11} {c.easting_m:.1f} E  {c.northing_m:.1f} N  "
         f"probability {c.probability:.3f}  rms {c.rms_px:.2f} px"
@@ -67,12 +69,12 @@ def notes(result: LocateResult, bundle: Bundle, dem: Dem) -> list[str]:
     reason = (
         reason_note(result.fix) if dem.shift.known else None
     )  # the DEM's own notes say what is not known of it
-    if reason is not None and not (empty and _says_no_more(reason, bundle)):
+    if reason is not None and not (empty and _is_redundant(reason, bundle)):
         said.append(reason)
     return said
 
 
-def _says_no_more(reason: str, bundle: Bundle) -> bool:
+def _is_redundant(reason: str, bundle: Bundle) -> bool:
     """Than that no ground lies as high as the altitude."""
     from localizer.search.reasons import no_ground_at_altitude  # beside the search, which is slow to import
 
@@ -115,7 +117,7 @@ def _datum(dem: Dem) -> str:
     return f"WGS84, datum good to {dem.shift.accuracy_m:g} m" if dem.shift.accuracy_m else "WGS84"
 
 
-def _off(fix: Fix, truth: Truth, dem: Dem) -> str:
+def _error_in_sigmas(fix: Fix, truth: Truth, dem: Dem) -> str:
     return "no sigma" if fix.covariance_m2 is None else f"{sigmas_off(fix, truth, dem):.1f} sigma"
 
 
@@ -147,9 +149,9 @@ def _position_lines(fix: Fix, position: Position, dem: Dem) -> list[str]:
 
 def _search_lines(fix: Fix) -> list[str]:
     stage1 = fix.stage1
-    funnel = [f"{stage1.cells} cells", f"altitude {stage1.after_altitude}"]
-    funnel += [f"{label} {left}" for label, left in stage1.after.items()]
-    lines = [f"stage 1     {' > '.join(funnel)}  ({stage1.points_explored} points explored)"]
+    stage1_steps = [f"{stage1.cells} cells", f"altitude {stage1.after_altitude}"]
+    stage1_steps += [f"{label} {left}" for label, left in stage1.after.items()]
+    lines = [f"stage 1     {' > '.join(stage1_steps)}  ({stage1.points_explored} points explored)"]
     if fix.residual:
         residual = "  ".join(f"{label} {value:.2f}" for label, value in fix.residual.items())
         lines.append(f"residual    {residual}  px")

@@ -137,7 +137,7 @@ def _unbroken(
     gaps: float,
     columns: int,
 ) -> NDArray[np.bool_]:
-    """Mask (w,) of stretches, ``columns`` or longer, where the best line above exceeds ``least``; ``gaps``: share of exceptions."""
+    """Mask (w,) of stretches, ``columns`` or longer, where the best line above exceeds ``least`` but for a share ``gaps``."""
     found = np.zeros(row.size, np.bool_)
     line = _line_above(edge, side, row, line_from)
     ends = np.flatnonzero(np.diff(row - line > 2, prepend=False, append=False))

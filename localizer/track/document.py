@@ -1,4 +1,4 @@
-"""What became of each bundle, for people (a line) and for programs (``skyfix.track/1``)."""
+"""The result of each bundle of a track, as a line of text and as JSON (``skyfix.track/1``)."""
 
 from typing import Annotated, Literal
 
@@ -19,7 +19,7 @@ class _Part(BaseModel):
 
 
 class TrackHypothesis(_Part):
-    """A place that the looks up to here allow, in the fix's metric CRS. ``seen``: whether this bundle's images fit it."""
+    """A hypothesis after this bundle, in the fix's metric CRS. ``seen``: whether this bundle's search found it."""
 
     easting_m: float
     northing_m: float
@@ -34,9 +34,9 @@ class TrackHypothesis(_Part):
 
 
 class TrackLine(_Part):
-    """What one bundle came to. ``elsewhere``: the probability of none of the hypotheses.
+    """The result of one bundle. ``elsewhere``: the probability of none of the hypotheses.
 
-    ``left_out``: the frame that contradicts the others, if any.
+    ``left_out``: the frame that was excluded because it contradicts the others, if any.
     """
 
     schema_name: Literal["skyfix.track/1"] = Field(default="skyfix.track/1", alias="schema")
@@ -53,7 +53,7 @@ class TrackLine(_Part):
 
 
 def track_line(step: Step, dem: Dem) -> TrackLine:
-    """The step in a program's terms."""
+    """The step as ``skyfix.track/1``."""
     return TrackLine(
         bundle=step.bundle,
         mode=step.mode,

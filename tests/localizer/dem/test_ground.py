@@ -18,7 +18,7 @@ from localizer.observation import Observation, PriorCircle
 from localizer.search.answer import metric_covariance
 from localizer.search.locate import _within_prior
 from localizer.show.candidates import ellipse_ring_m, places
-from localizer.show.text import report, sigmas_off
+from localizer.show.text import sigmas_off
 from localizer.truth import Truth
 
 GEOD = Geod(ellps="WGS84")
@@ -134,7 +134,7 @@ def test_the_true_error_is_of_the_ground():
     assert abs(east_x - position.easting_m) > 25.0  # metres of the map
     assert truth.distance_m(position, dem) == pytest.approx(10.0, abs=0.01)
     assert sigmas_off(result.fix, truth, dem) == pytest.approx(5.0, abs=0.01)
-    text = report(result.fix, dem, truth)
+    text = fix_text(result.fix, dem, truth)
     assert "1 sigma     2.0 m x 2.0 m" in text
     assert "(EPSG:3857; a metre of this map is 0.37 m here)" in text
     assert "true error  10.0 m  (5.0 sigma)" in text

@@ -5,13 +5,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from localizer.track.gaussian_place import fuse, log_density, moved, offset_m, place
+from localizer.track.gaussian_place import displaced, fuse, gaussian_place, log_density, offset_m
 from localizer.track.mixture import (
     ODOMETRY_FAILURE_PROBABILITY,
     Hypothesis,
-    Look,
+    MeasuredPlace,
+    Measurement,
     Mixture,
-    Seen,
     mixture_of,
     outlier_probability,
     predict,
@@ -22,7 +22,7 @@ from localizer.track.tracker import stands_out
 
 AREA_M2 = 20_000.0**2
 CELL_M = 30.0
-HOME = place(46.2, -122.2, np.eye(2), np.zeros((2, 2)))
+HOME = gaussian_place(46.2, -122.2, np.eye(2), np.zeros((2, 2)))
 
 metres = st.floats(-8000.0, 8000.0)
 sigmas = st.floats(0.5, 60.0)
@@ -39,9 +39,9 @@ def covariances(draw):
 @st.composite
 def places(draw, within_m=8000.0):
     step = np.array([draw(st.floats(-within_m, within_m)), draw(st.floats(-within_m, within_m))])
-    at = moved(HOME, step, np.zeros((2, 2)))
+    at = displaced(HOME, step, np.zeros((2, 2)))
     covariance = draw(covariances())
-    return place(at.lat_deg, at.lon_deg, covariance, draw(st.floats(0.0, 1.0)) * covariance)
+    return gaussian_place(at.lat_deg, at.lon_deg, covariance, draw(st.floats(0.0, 1.0)) * covariance)
 
 
 def shares(count):
@@ -67,21 +67,22 @@ def looks(draw, most=4):
     return look(at, weights / weights.sum(), evidence=draw(st.floats(15.0, 60.0)))
 
 
-def look(at, probabilities, evidence=40.0) -> Look:
-    return Look(
-        seen=tuple(
-            Seen(n, p, float(q), evidence) for n, (p, q) in enumerate(zip(at, probabilities, strict=True))
+def look(at, probabilities, evidence=40.0) -> Measurement:
+    return Measurement(
+        measured=tuple(
+            MeasuredPlace(n, p, float(q), evidence)
+            for n, (p, q) in enumerate(zip(at, probabilities, strict=True))
         ),
-        chance=outlier_probability(evidence),
+        outlier_probability=outlier_probability(evidence),
         area_m2=AREA_M2,
-        floor_m=0.25 * CELL_M,
+        model_error_m=0.25 * CELL_M,
         same_m=2.0 * CELL_M,
     )
 
 
 def at_m(east_m: float, north_m: float, sigma_m: float = 5.0):
-    at = moved(HOME, np.array([east_m, north_m]), np.zeros((2, 2)))
-    return place(at.lat_deg, at.lon_deg, sigma_m**2 * np.eye(2), 0.5 * sigma_m**2 * np.eye(2))
+    at = displaced(HOME, np.array([east_m, north_m]), np.zeros((2, 2)))
+    return gaussian_place(at.lat_deg, at.lon_deg, sigma_m**2 * np.eye(2), 0.5 * sigma_m**2 * np.eye(2))
 
 
 def believing(*hypotheses, evidence: float = 40.0) -> Mixture:
@@ -100,7 +101,7 @@ def total(posteriors) -> float:
 @given(places(), metres, metres)
 def test_a_place_moved_lies_where_the_step_leads(start, east_m, north_m):
     step = np.array([east_m, north_m])
-    assert offset_m(start, moved(start, step, np.zeros((2, 2)))) == pytest.approx(step, abs=1e-3)
+    assert offset_m(start, displaced(start, step, np.zeros((2, 2)))) == pytest.approx(step, abs=1e-3)
 
 
 @given(places(40.0), places(40.0))
@@ -117,13 +118,13 @@ def test_it_does_not_matter_which_of_two_views_is_first(one, two):
 
 
 def test_independent_views_share_the_error_and_a_common_one_stays():
-    independent = place(46.2, -122.2, 100.0 * np.eye(2), np.zeros((2, 2)))
-    common = place(46.2, -122.2, 100.0 * np.eye(2), 100.0 * np.eye(2))
+    independent = gaussian_place(46.2, -122.2, 100.0 * np.eye(2), np.zeros((2, 2)))
+    common = gaussian_place(46.2, -122.2, 100.0 * np.eye(2), 100.0 * np.eye(2))
     assert fuse(independent, independent).covariance == pytest.approx(50.0 * np.eye(2), rel=1e-3)
     assert fuse(common, common).covariance == pytest.approx(100.0 * np.eye(2), rel=1e-3)
-    half = place(46.2, -122.2, 100.0 * np.eye(2), 50.0 * np.eye(2))
+    half = gaussian_place(46.2, -122.2, 100.0 * np.eye(2), 50.0 * np.eye(2))
     for _ in range(50):
-        half = fuse(half, place(46.2, -122.2, 100.0 * np.eye(2), 50.0 * np.eye(2)))
+        half = fuse(half, gaussian_place(46.2, -122.2, 100.0 * np.eye(2), 50.0 * np.eye(2)))
     assert half.covariance[0, 0] > 49.0  # any number of looks leaves what they all share
 
 
@@ -175,10 +176,10 @@ def test_the_order_of_the_hypotheses_does_not_matter(mixture, seen, random):
 @given(looks())
 def test_without_a_history_a_look_says_what_it_says(seen):
     posteriors = update(Mixture(), seen)
-    assert total(posteriors) == pytest.approx(1.0 - seen.chance, abs=1e-5)
+    assert total(posteriors) == pytest.approx(1.0 - seen.outlier_probability, abs=1e-5)
     for p in posteriors:
         assert p.number is not None
-        alike = [s for s in seen.seen if np.hypot(*offset_m(s.place, p.hypothesis.place)) < 3000.0]
+        alike = [s for s in seen.measured if np.hypot(*offset_m(s.place, p.hypothesis.place)) < 3000.0]
         assert p.hypothesis.probability <= sum(s.probability for s in alike) + 1e-9
 
 
@@ -232,7 +233,7 @@ def test_two_weak_looks_that_the_odometry_joins_become_a_fix_and_either_alone_do
 
 def test_two_long_ellipses_that_cross_become_one_small_one():
     def long(east_sigma_m, north_sigma_m):
-        return place(46.2, -122.2, np.diag([east_sigma_m**2, north_sigma_m**2]), np.zeros((2, 2)))
+        return gaussian_place(46.2, -122.2, np.diag([east_sigma_m**2, north_sigma_m**2]), np.zeros((2, 2)))
 
     known = update(Mixture(), look([long(300.0, 10.0)], [1.0]))
     assert not stands_out(known[0].hypothesis, CELL_M)
