@@ -1,4 +1,4 @@
-"""JSON and TOML from outside, through one reader: limits on size, depth and numbers, and one line for what is wrong.
+"""The reader of JSON and TOML from outside: limits on size, depth and numbers, and errors of one line.
 
 Whoever reads a file, a socket or a request says before the message which one it was: ``f"{path}: {error}"``.
 """
@@ -24,7 +24,7 @@ DEEPEST = 64
 MOST_DIGITS = 300
 """Of a whole number; what is longer is beyond what a double can be."""
 PIPE_S = 5.0
-"""Who is read from a pipe has to have said all within this time."""
+"""Time limit for reading a pipe."""
 _READ_BYTES = 1 << 20
 
 # Each part of a dotted key is one level more, and ``tomllib`` takes a time that grows with the square of their number:

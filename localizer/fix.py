@@ -1,4 +1,4 @@
-"""The fix, ``skyfix.fix/1``: where the camera stood, how sure that is, and what the search did for it."""
+"""The fix, ``skyfix.fix/1``: position, covariance, probabilities, and statistics of the search."""
 
 from typing import Annotated, Literal, NamedTuple, Self
 
@@ -40,7 +40,7 @@ class Position(_Part):
 
 
 class Candidate(_Part):
-    """One of the places that the images fit. ``rms_px``: of all frames together, the biases solved for."""
+    """One of the places that fit. ``rms_px``: RMS residual of all frames after the biases were estimated."""
 
     easting_m: float
     northing_m: float
@@ -49,7 +49,7 @@ class Candidate(_Part):
 
 
 class Stage1Counts(_Part):
-    """The funnel of stage 1, as in the columns of the paper's Table I."""
+    """Cells left after each step of stage 1, as in the columns of the paper's Table I."""
 
     cells: int
     """Cells of the DEM that have an elevation."""
@@ -61,7 +61,7 @@ class Stage1Counts(_Part):
 
 
 class Nuisance(_Part):
-    """The errors common to all frames, solved for with the position: reading minus truth."""
+    """Nuisance parameters: the errors common to all frames, estimated with the position; reading minus truth."""
 
     azimuth_bias_deg: float
     tilt_bias_deg: float
@@ -80,7 +80,7 @@ ReasonCode = Literal[
 
 
 class Reason(_Part):
-    """Why a result is no fix: ``text`` is one sentence for people, with what would help."""
+    """Why a result is no fix: ``text`` is one sentence with what would help."""
 
     code: ReasonCode
     text: Annotated[str, Field(min_length=1)]

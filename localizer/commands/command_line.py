@@ -1,4 +1,4 @@
-"""What commands share: how they end (one clear line for an expected failure, the contract's exit status), common options."""
+"""Shared by all commands: error lines, exit statuses of the contract, and common options."""
 
 import errno
 import math
@@ -26,9 +26,8 @@ def run(command: click.Command, program: str) -> NoReturn:
     """Run ``command`` with the process's arguments and exit.
 
     Bad usage and every ``SkyfixError`` become one line on standard error, ``program: message``; the exit status is the
-    error's own (2 for bad input). A reader who closes the pipe early (``| head``) has enough: the program ends without a
-    word. Any other exception is a defect of the program and shows its traceback.
-    """
+    error's own (2 for bad input). If the reader of a pipe closes it (``| head``), the program ends silently. Any other
+    exception is a defect of the program and shows its traceback."""
     replace_unencodable_characters()
     take_negative_numbers(command)
     output = sys.stdout
@@ -84,7 +83,7 @@ _OF_THE_DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
 
 
 def _end(status: int, program: str = "") -> NoReturn:
-    """Exit once everything is written: Python itself would do it after the last word, and complain with a traceback."""
+    """Flush and exit: a failing flush at Python's own exit would print a traceback."""
     try:
         if sys.stdout is not None:
             sys.stdout.flush()
@@ -132,7 +131,7 @@ def take_negative_numbers(command: click.Command) -> None:
 
 
 def _usage(error: click.UsageError) -> str:
-    """What is wrong with the words of the command."""
+    """The message for a usage error."""
     message = error.format_message().rstrip(".")
     extra = re.fullmatch(r"Got unexpected extra arguments? \((-?[\d.]+)[^)]*\)", message)
     takes_a_place = error.ctx is not None and any(

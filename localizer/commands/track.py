@@ -68,7 +68,7 @@ def run_track(
 
 
 def _check_sequence(bundles: Sequence[Bundle]) -> None:
-    """One look that counts twice would confirm itself; a wrong order is only noted, since clocks are set back."""
+    """A bundle used twice would confirm itself: an error. A wrong order is only noted, since clocks can be set back."""
     ids = [bundle.id for bundle in bundles]
     twice = next((bundle_id for bundle_id in ids if ids.count(bundle_id) > 1), None)
     if twice is not None:

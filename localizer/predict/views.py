@@ -1,4 +1,4 @@
-"""The skyline in one direction from one place, how far away it is, and where it cannot be relied upon."""
+"""The predicted skyline in one direction from a place: elevation, distance, and where it is unreliable."""
 
 from dataclasses import dataclass
 
@@ -60,11 +60,11 @@ class View:
     distance_m: Floats
     """NaN there."""
     at_edge: Flags
-    """The skyline lies where the terrain ends (the DEM's edge or a void), or there is none at all: no search believes in it."""
+    """The skyline lies at the DEM edge or a void, or there is none: the search does not use it."""
     too_near: Flags
-    """Nearer than NEAR_CELLS cells, so made of less than the elevation model resolves."""
+    """Nearer than NEAR_CELLS cells, which the DEM does not resolve."""
     may_be_overtopped: Flags
-    """Land beyond the DEM's edge, no higher than the DEM's highest, would stand above the skyline."""
+    """Terrain beyond the DEM, no higher than the DEM's highest point, would be above the skyline."""
     summits: tuple[Summit, ...]
     """By azimuth."""
 
@@ -81,7 +81,7 @@ class View:
 
 
 def standpoint(dem: Dem, lat_deg: float, lon_deg: float, mast_height_m: float) -> Standpoint:
-    """A camera on a mast at a place. Raises ``SkyfixError`` where the DEM knows no ground there."""
+    """A camera on a mast at a place. Raises ``SkyfixError`` outside the DEM and in a void."""
     row, col = (float(value) for value in lonlat_to_rowcol(dem, lon_deg, lat_deg))
     where = f"--at: {lat_deg:.5f},{lon_deg:.5f}"
     if not (0.0 <= row <= dem.rows - 1 and 0.0 <= col <= dem.cols - 1):
@@ -126,7 +126,7 @@ def view(terrain: Terrain, place: Standpoint, azimuth_deg: float, width_deg: flo
 def along(
     terrain: Terrain, place: Standpoint, azimuth_deg: Floats, distance_m: Floats
 ) -> tuple[Floats, Floats]:
-    """Row and col, elementwise, after so many metres along geodesics in true azimuths from a place."""
+    """Row and col, elementwise, at distances along geodesics in true azimuths from a place."""
     coefficients = terrain.geodesics.at(place.row, place.col)[0]
     azimuth = np.radians(azimuth_deg)
     return geodesic_end(
@@ -135,7 +135,7 @@ def along(
 
 
 def _end_of_terrain_m(terrain: Terrain, place: Standpoint, azimuth_deg: Floats) -> Floats:
-    """How far each ray runs before it leaves the lattice, to a fraction of a per cent of the DEM's size."""
+    """Distance at which each ray leaves the lattice, to a fraction of a per cent of the DEM's size."""
     dem = terrain.dem
     step_m = np.hypot(dem.rows * dem.spacing_ns_m, dem.cols * dem.spacing_ew_m) / MARCH_STEPS
     distance_m = np.arange(MARCH_STEPS + 1) * step_m

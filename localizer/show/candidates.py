@@ -1,4 +1,4 @@
-"""The places that a result names, in the terms of all files that it is exported to."""
+"""The candidates of a result, with the quantities that all export formats need."""
 
 from dataclasses import dataclass, replace
 
@@ -17,7 +17,7 @@ RING_POINTS = 72
 
 @dataclass(frozen=True)
 class CandidatePlace:
-    """One place that the images fit; ``rank`` 1 is the likeliest, and the fix's own position."""
+    """One candidate; ``rank`` 1 is the most probable, the position of the fix."""
 
     rank: int
     row: float
@@ -31,7 +31,7 @@ class CandidatePlace:
     covariance_m2: NDArray[np.float64]
     """(2, 2) of easting and northing, metres of the ground."""
     here: MapMetres
-    """How the ground lies in the map there."""
+    """Scale and convergence of the map there."""
     probability: float
     rms_px: float
     axes: EllipseAxes
@@ -94,7 +94,7 @@ def ellipse_ring_lonlat(place: CandidatePlace, dem: Dem) -> tuple[NDArray[np.flo
 
 
 def place_name(place: CandidatePlace, status: Status, count: int, bundle: str) -> str:
-    """What a map calls the place. Only a fix is called one: a name is often all that a map shows."""
+    """The label of the place on a map. Only a fix is called one, since a map often shows nothing but the label."""
     if status == "fix":
         return f"fix {bundle}"
     return f"candidate {place.rank} of {count} (ambiguous) {bundle}"

@@ -1,4 +1,4 @@
-"""The pictures of a report's page, each as a WebP image."""
+"""The figures of the HTML report, each as a WebP image."""
 
 from collections.abc import Sequence
 from io import BytesIO
@@ -56,7 +56,7 @@ def residuals_px(frame: FrameDetail) -> Floats:
 
 
 def frame_picture(image: NDArray[np.uint8], frame: FrameDetail, rms_px: float | None) -> bytes:
-    """A frame with its skylines, and below it what is left between them."""
+    """A frame with its skylines, and below it the residuals."""
     height_px, width_px = image.shape[:2]
     wide = FRAME_INCHES * min(1.0, width_px / height_px)
     tall = wide * height_px / width_px
@@ -83,7 +83,7 @@ def _draw_residuals(
     for chosen, colour in ((~frame.used, DOUBTFUL), (frame.used, "#0086a8")):
         axes.plot(column_px[chosen], residual_px[chosen], ".", color=colour, ms=2.5)
     known = np.abs(residual_px[frame.used & np.isfinite(residual_px)])
-    # a few stray columns must not flatten all others
+    # outliers must not determine the scale
     reach_px = max(LEAST_RESIDUAL_RANGE_PX, 1.3 * float(np.percentile(known, 98)) if known.size else 0.0)
     axes.set_xlim(-0.5, (height_px if frame.quarter_turns % 2 else width_px) - 0.5)
     axes.set_ylim(-reach_px, reach_px)
@@ -95,7 +95,7 @@ def _draw_residuals(
 
 
 def stage1_maps(result: LocateResult, dem: Dem) -> bytes:
-    """A small map for each step of stage 1 with the cells that it left."""
+    """A small map for each step of stage 1, with the cells left."""
     steps = stage1_steps_of(result.details)
     across = len(steps) if len(steps) <= MAPS_ACROSS + 1 else MAPS_ACROSS
     down = -(-len(steps) // across)
@@ -144,12 +144,12 @@ def map_picture(
 def posterior_picture(
     places: Sequence[CandidatePlace], posterior: Posterior, dem: Dem, truth: Truth | None
 ) -> bytes:
-    """The surroundings of the likeliest places, the probability of each cell, and the 95 % ellipses."""
+    """Maps around the most probable places, with the probability of each cell and the 95 % ellipses."""
     shown = places[:MOST_DETAIL_MAPS]
     cell_m = max(dem.spacing_ns_m, dem.spacing_ew_m)
     views = [(place, max(_reach_m(place), CELLS_AROUND * cell_m)) for place in shown]
     if len(shown) == 1 and _reach_m(shown[0]) < 0.5 * views[0][1]:
-        views.append((shown[0], _reach_m(shown[0])))  # else the ellipse would be lost under its star
+        views.append((shown[0], _reach_m(shown[0])))  # otherwise the marker would cover the ellipse
     across = 1 if len(views) == 1 else 2 if len(views) in (2, 4) else 3
     down = -(-len(views) // across)
     size = 6.0 if across == 1 else 10.0 / across
@@ -179,7 +179,7 @@ def _draw_surroundings(
     true_m = truth.metric(dem) if truth is not None else None
     if true_m is not None:
         off_m = ground_distance_m(dem.metric_crs, origin_m, true_m)
-        # a true place far away would make the ellipse a dot
+        # a distant true place would make the ellipse invisible
         half_m = max(half_m, 1.2 * off_m) if off_m < 8.0 * half_m else half_m
     bounds_m = (
         origin_m[0] - half_m * unit_m[0],

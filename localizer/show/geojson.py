@@ -59,12 +59,12 @@ def _ellipse(place: CandidatePlace, dem: Dem) -> dict[str, Any]:
     lon_deg, lat_deg = ellipse_ring_lonlat(place, dem)
     if (around_pole := _around_pole(lon_deg, lat_deg)) is not None:
         return {"type": "Polygon", "coordinates": [around_pole]}
-    # in one piece around the place, wherever the longitudes leap
+    # longitudes relative to the place, so that the ring is not split at the date line
     lon_deg = place.lon_deg + (lon_deg - place.lon_deg + 180.0) % 360.0 - 180.0
     ring = list(zip(lon_deg.tolist(), lat_deg.tolist(), strict=True))
     limit = float(np.copysign(180.0, place.lon_deg))
     around = [(lon - 2.0 * limit, lat) for lon, lat in _clipped(ring, limit, beyond=True)]
-    # a part may be so thin that nothing is left of it when it is rounded
+    # a part may have no area after rounding
     parts = [part for part in map(_closed, (_clipped(ring, limit, beyond=False), around)) if _has_area(part)]
     if len(parts) < 2:
         return {"type": "Polygon", "coordinates": parts or [_closed(ring)]}

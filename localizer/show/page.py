@@ -1,4 +1,4 @@
-"""A report's page: one HTML file with everything inside."""
+"""The HTML report: one self-contained file."""
 
 from base64 import b64encode
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""The picture of a fix: the frames with their skylines, beside a map of how the search closed in on the place."""
+"""The plot of a fix: the frames with their skylines, and a map with the cells left after each step of stage 1."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -33,7 +33,7 @@ STAGE_COLOURS = LinearSegmentedColormap.from_list(
 """From the first step of stage 1 to the last."""
 STAGE_AREA = 6000.0
 SMALLEST_AREA, LARGEST_AREA = 1.6, 40.0
-"""All squares of a step cover so many points^2 together, each of them no less and no more than these."""
+"""Total area of the markers of a step, points^2; least and largest area of one marker."""
 MOST_CELLS_OUTLINED = 25
 MOST_LARGE_ENTRIES = 9
 
@@ -129,7 +129,7 @@ def draw_frame(axes: Axes, image: NDArray[np.uint8], frame: FrameDetail, residua
 
 
 def _line_with_gaps(frame: FrameDetail, u_px: Floats, v_px: Floats) -> tuple[Floats, Floats]:
-    """The points in the order of their columns, once the frame has its sky up, with a gap wherever columns are missing."""
+    """The points ordered by the columns of the upright frame, with NaN where columns are missing."""
     column_px = frame.turned_px(u_px, v_px)[0]
     order = np.argsort(column_px)
     u_px, v_px = u_px[order], v_px[order]
@@ -170,7 +170,7 @@ def stage1_steps_of(details: LocateDetails) -> list[tuple[str, NDArray[np.int64]
 
 
 def _draw_detail(axes: Axes, result: LocateResult, dem: Dem, truth: Truth | None) -> None:
-    """The surroundings of the fix, so large that its ellipse can be seen; metres of the ground from the fix."""
+    """A detail map around the fix, scaled so that its ellipse is visible; metres on the ground from the fix."""
     position, covariance_m2 = result.fix.position, result.fix.covariance_m2
     if position is None or covariance_m2 is None:
         axes.axis("off")
@@ -180,7 +180,7 @@ def _draw_detail(axes: Axes, result: LocateResult, dem: Dem, truth: Truth | None
     half_m = 1.5 * np.sqrt(CHI2_95) * one_sigma.major_m
     if truth is not None:
         off_m = truth.distance_m(position, dem)
-        # a true place far away would make the ellipse a dot again
+        # a distant true place would make the ellipse invisible again
         half_m = max(half_m, 1.3 * off_m) if off_m < 12.0 * half_m else half_m
     unit_m = map_metres(dem.metric_crs, *origin_m).axis_scales
     bounds_m = (
@@ -271,7 +271,7 @@ TRUE_MARKS = (
 
 
 def few_ticks(axes: Axes, most: int) -> None:
-    """At round numbers that are written out, ``most`` of them along each axis."""
+    """Ticks at round numbers, at most ``most`` along each axis."""
     axes.tick_params(labelsize=9)
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(MaxNLocator(nbins=most, steps=[1, 2, 5, 10]))

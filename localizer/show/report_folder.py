@@ -1,4 +1,4 @@
-"""All files of a report in one folder, each of them complete or absent."""
+"""The report folder: HTML page and export files, each complete or absent."""
 
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
@@ -100,7 +100,7 @@ def _exporters(
 
 
 def _replace_all(folder: Path, content: Mapping[str, bytes]) -> None:
-    """Write all files aside, then rename them one by one, so that nobody ever sees half a file."""
+    """Write all files to a temporary folder, then rename them one by one, so that no file is ever incomplete."""
     name = ""
     try:
         with tempfile.TemporaryDirectory(prefix=".report-", dir=folder) as aside:

@@ -19,7 +19,7 @@ class Cell:
 
     text: str
     far: bool = False
-    """Whether it deserves a second look."""
+    """Whether the value is unusual and highlighted."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Table:
     heads: tuple[str, ...]
     rows: tuple[tuple[Cell, ...], ...]
     text_columns: frozenset[int]
-    """Columns that hold words."""
+    """Columns with text instead of numbers."""
 
 
 def _table(heads: Sequence[str], rows: Iterable[Sequence[Cell | str]], words: Iterable[int] = (0,)) -> Table:
@@ -84,7 +84,7 @@ def stage1_table(result: LocateResult) -> Table:
 
 
 def bias_table(result: LocateResult, bundle: Bundle) -> Table | None:
-    """What all frames share; None where nothing was solved for."""
+    """Errors that all frames share; None without a place."""
     nuisance, errors = result.fix.nuisance, result.details.errors
     if nuisance is None:
         return None
@@ -122,7 +122,7 @@ def _sigmas(error: float, sigma: float) -> Cell:
 
 
 def frame_table(result: LocateResult, bundle: Bundle) -> Table:
-    """How much of each frame's skyline was found, used and explained, and the frame's own errors."""
+    """For each frame: the shares of the skyline found, used and explained, and the frame's own errors."""
     rows: list[tuple[Cell | str, ...]] = []
     for detail, frame in zip(result.details.frames, bundle.frames, strict=True):
         width_px = bundle.camera.height_px if detail.quarter_turns % 2 else bundle.camera.width_px
@@ -166,7 +166,7 @@ def _agreement(frame: FrameDetail) -> Cell:
 
 
 def fit_table(errors: SolvedErrors) -> Table:
-    """What the residuals say about the elevation model and about the fit."""
+    """DEM error and goodness of fit, by the residuals."""
     return _table(
         ("quantity", "value", "what it means"),
         (

@@ -1,4 +1,4 @@
-"""A fix in words, and beside the truth where that is known."""
+"""A fix as text, with its error if the truth is known."""
 
 import numpy as np
 
@@ -13,11 +13,11 @@ from localizer.search.details import INCONSISTENT_BELOW, LocateDetails, LocateRe
 from localizer.truth import Truth
 
 CHI2_95 = 5.991
-"""95 % of a normal distribution in the plane lies within this squared distance in sigmas."""
+"""95 % quantile of the chi-square distribution with two degrees of freedom: the 95 % ellipse."""
 
 NOTED_DEM_EDGE_SHARE = 0.2
 NOTED_SCALE = 0.01
-"""Where a map's metre differs by more, it is said."""
+"""A map scale that differs from 1 by more is noted."""
 
 
 def sigmas_off(fix: Fix, truth: Truth, dem: Dem) -> float:
@@ -49,7 +49,7 @@ def fix_text(fix: Fix, dem: Dem, truth: Truth | None = None) -> str:
 
 
 def notes(result: LocateResult, bundle: Bundle, dem: Dem) -> list[str]:
-    """What a person should know beside the fix, one line each: of single frames, and why nothing may have been found."""
+    """Notes for users beside the fix, one line each: on single frames, and on possible causes of a ``none``."""
     said = frame_notes(result.details)
     errors, stage1 = result.details.errors, result.fix.stage1
     if dem.error_m == 0.0 and errors is not None and errors.dem_error_m > 0.0:
@@ -75,14 +75,14 @@ def notes(result: LocateResult, bundle: Bundle, dem: Dem) -> list[str]:
 
 
 def _is_redundant(reason: str, bundle: Bundle) -> bool:
-    """Than that no ground lies as high as the altitude."""
+    """Whether a reason only says that no ground lies at the altitude, which another note says already."""
     from localizer.search.reasons import no_ground_at_altitude  # beside the search, which is slow to import
 
     return bundle.altitude is not None and reason == no_ground_at_altitude(bundle.altitude.value_m).text
 
 
 def frame_notes(details: LocateDetails) -> list[str]:
-    """What a person should know of single frames, one line each; none where all of them were used and agree."""
+    """Notes on single frames, one line each; none if all frames were used and agree."""
     notes = []
     for frame in details.frames:
         share = "" if frame.agreement is None else f"{100.0 * frame.agreement:.0f} %"
@@ -111,7 +111,7 @@ STATUS_IN_WORDS = {
 
 
 def _datum(dem: Dem) -> str:
-    """What latitudes and longitudes are worth."""
+    """Datum of latitudes and longitudes, and its accuracy."""
     if not dem.shift.known:
         return "not on WGS84: the DEM's datum is not known"
     return f"WGS84, datum good to {dem.shift.accuracy_m:g} m" if dem.shift.accuracy_m else "WGS84"
@@ -122,7 +122,7 @@ def _error_in_sigmas(fix: Fix, truth: Truth, dem: Dem) -> str:
 
 
 def _map_name(position: Position, dem: Dem) -> str:
-    """The map's name, and how long its metre is on the ground where that is a matter."""
+    """The map's name, and its scale if that differs noticeably from 1."""
     name = readable_name(dem.metric_crs)
     scale = map_metres(dem.metric_crs, *position.easting_northing_m).scale
     return (

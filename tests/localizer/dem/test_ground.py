@@ -18,7 +18,7 @@ from localizer.observation import Observation, PriorCircle
 from localizer.search.answer import metric_covariance
 from localizer.search.locate import _within_prior
 from localizer.show.candidates import ellipse_ring_m, places
-from localizer.show.text import sigmas_off
+from localizer.show.text import fix_text, sigmas_off
 from localizer.truth import Truth
 
 GEOD = Geod(ellps="WGS84")
