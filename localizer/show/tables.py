@@ -175,12 +175,12 @@ def fit_table(errors: SolvedErrors) -> Table:
                 f"{errors.dem_error_m:.1f} m",
                 "one standard deviation of the ridges' elevations, estimated from the residuals"
                 if errors.dem_error_m > 0.0
-                else "as told: the model is the terrain itself",
+                else "declared exact, and it fits",
             ),
             (
                 "correlation",
                 f"{errors.correlation_columns:.1f} columns",
-                "so many neighbouring columns say as much as one independent one",
+                "columns per effective sample: neighbouring columns are correlated",
             ),
             (
                 "columns that fit",
@@ -189,14 +189,14 @@ def fit_table(errors: SolvedErrors) -> Table:
                 "that the model lacks",
             ),
             (
-                "strain on the readings",
+                "normalised errors of the readings",
                 f"{errors.prior_chi2:.1f}",
                 "sum of the squared errors of all sensors, each in its own standard deviations",
             ),
             (
                 "evidence",
                 f"{errors.evidence:.0f}",
-                "logarithm of how much better than chance the terrain explains the skylines",
+                "log Bayes factor: how much better the place explains the skylines than an unrelated one does",
             ),
         ),
         (0, 2),

@@ -110,7 +110,7 @@ def test_turning_the_grid_does_not_turn_the_horizon(santa_cruz: Terrain):
     assert first[0] == pytest.approx(second[0], abs=5e-3)
 
 
-def test_a_void_hides_nothing_and_shows_nothing():
+def test_a_void_neither_occludes_nor_forms_a_horizon():
     _, north = east_north()
     height = np.where(np.isclose(north, 600.0), 100.0, 0.0)
     height[np.isclose(north, 600.0)] = np.nan

@@ -1,4 +1,4 @@
-"""Places with the same surroundings are equally likely, wherever in the DEM they lie and whichever is looked at first."""
+"""Places with the same surroundings are equally probable, regardless of their position and order."""
 
 import dataclasses
 import os

@@ -1,4 +1,4 @@
-"""The algebra of hypotheses: what movements and looks may and may not do to probabilities and covariances."""
+"""The mixture filter: properties of prediction and update."""
 
 import numpy as np
 import pytest
@@ -174,7 +174,7 @@ def test_the_order_of_the_hypotheses_does_not_matter(mixture, seen, random):
 
 
 @given(looks())
-def test_without_a_history_a_look_says_what_it_says(seen):
+def test_without_a_history_the_posterior_is_that_of_the_measurement(seen):
     posteriors = update(Mixture(), seen)
     assert total(posteriors) == pytest.approx(1.0 - seen.outlier_probability, abs=1e-5)
     for p in posteriors:
@@ -189,7 +189,7 @@ def test_odometry_that_says_nothing_changes_nothing(mixture, seen):
     assert update(lost, seen) == update(Mixture(), seen)
 
 
-def test_a_look_that_agrees_with_one_of_two_hypotheses_settles_on_it():
+def test_a_measurement_that_agrees_with_one_of_two_hypotheses_selects_it():
     believed = predict(
         believing((at_m(0, 0), 0.5), (at_m(4000, 0), 0.5)),
         Movement(np.array([200.0, 0.0]), 16 * np.eye(2)),
@@ -202,7 +202,7 @@ def test_a_look_that_agrees_with_one_of_two_hypotheses_settles_on_it():
     assert first.hypothesis.place.widest_m < 5.0
 
 
-def test_a_look_that_agrees_with_no_hypothesis_drops_the_history():
+def test_a_measurement_that_agrees_with_no_hypothesis_replaces_the_history():
     believed = predict(
         believing((at_m(0, 0), 0.999)), Movement(np.array([200.0, 0.0]), 16 * np.eye(2)), AREA_M2
     )
@@ -212,7 +212,7 @@ def test_a_look_that_agrees_with_no_hypothesis_drops_the_history():
 
 
 @pytest.mark.parametrize("evidence", [20.0, 30.0, 40.0])
-def test_a_history_is_not_given_up_for_one_weak_look(evidence):
+def test_one_weak_measurement_does_not_replace_the_history(evidence):
     believed = predict(
         believing((at_m(0, 0), 0.999)), Movement(np.array([200.0, 0.0]), 16 * np.eye(2)), AREA_M2
     )
@@ -221,7 +221,7 @@ def test_a_history_is_not_given_up_for_one_weak_look(evidence):
     assert posteriors[0].number is None
 
 
-def test_two_weak_looks_that_the_odometry_joins_become_a_fix_and_either_alone_does_not():
+def test_two_weak_measurements_joined_by_odometry_are_a_fix_and_either_alone_is_not():
     alone = update(Mixture(), look([at_m(0, 0)], [1.0], evidence=17.0))
     assert not stands_out(alone[0].hypothesis, CELL_M)
     believed = predict(mixture_of(alone), Movement(np.array([200.0, 0.0]), 16 * np.eye(2)), AREA_M2)
@@ -242,7 +242,7 @@ def test_two_long_ellipses_that_cross_become_one_small_one():
     assert crossed[0].hypothesis.place.widest_m < 11.0
 
 
-def test_an_old_place_that_a_weak_look_does_not_show_is_kept_but_marked_as_not_seen():
+def test_a_hypothesis_that_a_weak_measurement_lacks_is_kept_but_marked_as_not_seen():
     believed = believing((at_m(0, 0), 0.99))
     posteriors = update(believed, look([at_m(5000, 0)], [1.0], evidence=15.0))
     old = [p for p in posteriors if p.number is None]
