@@ -22,7 +22,7 @@ MOST_TOML_BYTES = 1_000_000
 MOST_VALUES = 500_000
 DEEPEST = 64
 MOST_DIGITS = 300
-"""Of a whole number; what is longer is beyond what a double can be."""
+"""Most digits of an integer; longer ones exceed the range of a double."""
 PIPE_S = 5.0
 """Time limit for reading a pipe."""
 _READ_BYTES = 1 << 20
@@ -35,7 +35,7 @@ _LONG_KEY = re.compile(
 
 
 class DocumentError(SkyfixError):
-    """A document that is not taken. The message goes on after its name: "is nested more than 64 deep"."""
+    """A refused document. The message follows the document's name: "is nested more than 64 deep"."""
 
 
 def read_file(path: Path, most_bytes: int) -> bytes:
@@ -166,7 +166,7 @@ def _each_name_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _check_values(root: Any, named: Callable[[list[Any]], str]) -> None:
-    """Everything below ``root``; a loop of its own, for what is deep must not be looked at by going deep."""
+    """Check all values below ``root``, iteratively: a recursion could overflow on deeply nested values."""
     waiting: list[tuple[Any, tuple[Any, ...] | None, int]] = [(root, None, 0)]
     wrong: str | None = None
     while waiting and wrong is None:

@@ -11,7 +11,7 @@ Probability = Annotated[float, Field(ge=0.0, le=1.0)]
 Status = Literal["fix", "ambiguous", "none"]
 
 EXIT_STATUS: dict[Status, int] = {"fix": 0, "ambiguous": 3, "none": 4}
-"""What ``localizer locate`` ends with."""
+"""Exit statuses of ``localizer locate``."""
 
 
 class _Part(BaseModel):
@@ -127,7 +127,7 @@ Covariance = tuple[tuple[float, float], tuple[float, float]]
 
 
 class EllipseAxes(NamedTuple):
-    """Of one standard deviation."""
+    """Axes of the one-sigma ellipse."""
 
     major_m: float
     minor_m: float

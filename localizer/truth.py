@@ -1,4 +1,4 @@
-"""Where the camera really stood, as a simulation or a survey says it."""
+"""The true position of the camera, from a simulation or a survey."""
 
 from pathlib import Path
 from typing import Annotated
@@ -22,7 +22,7 @@ FARTHEST_M = 1e8
 
 
 class Truth(BaseModel):
-    """Where the camera really stood, as a simulation or a survey says it."""
+    """The true position of the camera, from a simulation or a survey."""
 
     model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
 

@@ -27,7 +27,8 @@ def run(command: click.Command, program: str) -> NoReturn:
 
     Bad usage and every ``SkyfixError`` become one line on standard error, ``program: message``; the exit status is the
     error's own (2 for bad input). If the reader of a pipe closes it (``| head``), the program ends silently. Any other
-    exception is a defect of the program and shows its traceback."""
+    exception is a defect of the program and shows its traceback.
+    """
     replace_unencodable_characters()
     take_negative_numbers(command)
     output = sys.stdout
@@ -102,7 +103,7 @@ def _why(error: OSError) -> str:
 
 
 class NumbersCommand(click.Command):
-    """A command that takes ``-12.5`` for a number, not for options."""
+    """A command that parses ``-12.5`` as a number, not as options."""
 
     def make_parser(self, ctx: click.Context) -> Any:
         parser = super().make_parser(ctx)
@@ -122,7 +123,7 @@ _NEGATIVE = re.compile(r"-(\d|\.\d|inf|nan)[\w.,+-]*", re.IGNORECASE)
 
 
 def take_negative_numbers(command: click.Command) -> None:
-    """Have a command, and all below it, take negative numbers for numbers, as ``NumbersCommand`` does."""
+    """Make a command and its subcommands parse negative numbers as numbers, as ``NumbersCommand`` does."""
     if isinstance(command, click.Group):
         for each in command.commands.values():
             take_negative_numbers(each)

@@ -22,7 +22,7 @@ USUAL_WIDTH_DEG = 66.0
 
 
 def parse_place(text: str) -> tuple[float, float]:
-    """Latitude and longitude in degrees, the latter -180 <= lon < 180 whatever was said. Raises ``SkyfixError``."""
+    """Latitude and longitude in degrees, the latter wrapped to -180 <= lon < 180. Raises ``SkyfixError``."""
     try:
         lat_deg, lon_deg = (float(part) for part in text.split(","))
     except ValueError:

@@ -2,7 +2,8 @@
 
 If PROJ knows no operation, it silently equates latitudes and longitudes on two datums (a "ballpark" operation), which can be
 off by a hundred metres to a kilometre. Here such a datum counts as unknown. One operation is chosen for a whole DEM, so that
-no boundary between two areas of use runs through it."""
+no boundary between two areas of use runs through it.
+"""
 
 import warnings
 from dataclasses import dataclass

@@ -2,7 +2,8 @@
 
 A map unit is a metre on the ground only where the scale is 1; in Web Mercator at 68 degrees north it is 0.38 m. Published
 sigmas, distances and covariances are in metres on the ground. Those of (easting, northing) have the axes of the map, which
-are rotated from true east and north by the convergence. Only drawings on a map use map units."""
+are rotated from true east and north by the convergence. Only drawings on a map use map units.
+"""
 
 from dataclasses import dataclass
 from functools import lru_cache

@@ -1,7 +1,8 @@
 """Vertical datum of elevations: heights above sea level (orthometric) or above the ellipsoid.
 
 They differ by the geoid undulation N, up to 107 m: orthometric height = ellipsoidal height - N. An altimeter measures the
-former."""
+former.
+"""
 
 import warnings
 from dataclasses import dataclass, replace
@@ -69,7 +70,8 @@ def to_sea_level(
     """Elevations (rows, cols) above sea level, as far as the undulation is known, and their vertical datum.
 
     ``lon_deg``, ``lat_deg`` (n, m), WGS84, are a regular grid over the cells. ``geoid_offset_m``: undulation given by the
-    user; PROJ's grids are then not used."""
+    user; PROJ's grids are then not used.
+    """
     if geoid_offset_m is not None:
         return z_m - np.float32(geoid_offset_m), replace(heights, geoid_offset_m=geoid_offset_m)
     if not heights.ellipsoidal:

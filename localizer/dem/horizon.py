@@ -59,7 +59,8 @@ class Terrain:
     ``half_cell_relief_m`` (rows, cols): height difference over half a cell. ``dem_edge`` (rows, cols): whether a cell lies
     within DEM_EDGE_CELLS of the end of the DEM or of a void. ``drop_per_m2``: (1 - k) / (2 R). ``roughness`` (rows, cols):
     root mean square second difference around a cell over its mean in the DEM, ``mean_second_difference_m``. The error of a
-    DEM grows with it."""
+    DEM grows with it.
+    """
 
     dem: Dem
     geodesics: GeodesicExpansion
@@ -276,7 +277,8 @@ def horizon_around(
 
     ``guess_m``: distances (m,) at which the horizon is likely, say because it was there from nearby; NaN elsewhere. They save
     time and do not change the result. ``beyond_m``: nearer terrain is ignored. Runs on one thread: for the few rays of a fit,
-    more threads cost more than they save."""
+    more threads cost more than they save.
+    """
     return _horizon_around(
         terrain.height_m,
         terrain.cell_ceiling_m,

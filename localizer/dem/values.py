@@ -99,7 +99,7 @@ def elevations_m(
 
 
 def _drop_usual_voids(z: NDArray[np.float64], z_m: NDArray[np.float64]) -> None:
-    """Cells whose stored number is one that programs mean voids by, where it stands apart from all other ground."""
+    """Make cells with a common nodata value void, if it lies apart from all other elevations."""
     for void in USUAL_VOIDS:
         here = (z == void) & np.isfinite(z_m)
         if not here.any():

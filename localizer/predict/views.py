@@ -75,7 +75,7 @@ class View:
 
     @property
     def range_deg(self) -> tuple[float, float]:
-        """Lowest and highest elevation of the skyline where the terrain goes on behind it; 0 where it does nowhere."""
+        """Lowest and highest elevation of the skyline away from the DEM edge; 0 if all of it is at the edge."""
         chosen = self.elevation_deg[~self.at_edge]
         return (float(chosen.min()), float(chosen.max())) if chosen.size else (0.0, 0.0)
 
@@ -180,7 +180,7 @@ def _summits(
 
 
 def warnings(seen: View) -> list[str]:
-    """What not to rely upon, in sentences."""
+    """Warnings about unreliable parts, as sentences."""
     out = []
     if (share := float(seen.at_edge.mean())) > 0.0:
         out.append(

@@ -46,7 +46,8 @@ class MeasuredSkyline:
 
     ``elevation_deg`` (BINS,): NaN where no frame has a contour. ``sigma_deg`` (BINS,): its standard deviation, from the
     contour's noise, the tilt and roll errors, and the azimuth errors times the slope. ``slope`` (BINS,): degrees of elevation
-    per degree of azimuth. ``centres_deg``: measured azimuth of each frame's principal point, by label."""
+    per degree of azimuth. ``centres_deg``: measured azimuth of each frame's principal point, by label.
+    """
 
     elevation_deg: Floats
     sigma_deg: Floats

@@ -11,7 +11,8 @@ band. A CAMERA stays if its highest POINT lies within the band.
 
 The band (the paper, section VI) covers 3 sigma of the skyline's elevation, the error of the DEM, and the height differences
 over half a cell around CAMERA and POINT. The bias of the heading is not part of the band. Its hypotheses are the bits of a
-mask, and a CAMERA must satisfy all directions under the same hypothesis."""
+mask, and a CAMERA must satisfy all directions under the same hypothesis.
+"""
 
 from dataclasses import dataclass
 

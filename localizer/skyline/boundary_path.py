@@ -2,7 +2,8 @@
 
 With a boundary at row r of a column, pixels 0..r-1 are sky and pixels r.. are terrain. r = 0 is a column without sky, r =
 height one without terrain. From one column to the next the boundary may move any number of rows. Each vertical pixel side
-along the way has its own cost, which is small at a visible edge, so that cliffs are possible."""
+along the way has its own cost, which is small at a visible edge, so that cliffs are possible.
+"""
 
 import numpy as np
 from numpy.typing import NDArray

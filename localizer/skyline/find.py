@@ -2,7 +2,8 @@
 
 The boundary is traced in a reduced image (`sky_boundary`) and located to sub-pixels in the full image (`edge_position`). Then
 it is classified: whether the image has a skyline at all, whether foreground objects occlude it (`foreground_objects`),
-whether the boundary is of another kind (`false_boundaries`)."""
+whether the boundary is of another kind (`false_boundaries`).
+"""
 
 import math
 from dataclasses import dataclass

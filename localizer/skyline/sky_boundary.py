@@ -62,10 +62,10 @@ class SkyBoundary:
     """The boundary in a reduced picture of h x w pixels.
 
     Attributes:
-        row: (w,) it runs above this row: 0 is a column without sky, h one without terrain. margin: (w,) additional cost of
-        the best boundary that is three or more rows away in this column. uncertain: (w,) whether the boundary moves if the
-        sky's model is fitted to the upper half of the sky only, or a line above
-            it may be a more distant ridge, pale in haze or glare.
+        row: (w,) it runs above this row: 0 is a column without sky, h one without terrain.
+        margin: (w,) additional cost of the best boundary that is three or more rows away in this column.
+        uncertain: (w,) whether the boundary moves if the sky's model is fitted to the upper half of the sky only, or a line
+            above it may be a more distant ridge, pale in haze or glare.
         strength: (w,) strength of the edge along the boundary, 0..1.
         odds: (h, w) log odds terrain : sky per pixel, the last used.
         generic_odds: (h, w) the same by the generic model.
@@ -117,7 +117,8 @@ def _farther_ridge(
     """Mask (w,) of columns where a line above the boundary may be the skyline: a sharp one, or a faint one without gaps.
 
     A ridge in haze is faint but continuous; a streak of cloud has gaps. ``darker``: the colour step (h + 1, w) where it is
-    darker below, as at a ridge, else 0."""
+    darker below, as at a ridge, else 0.
+    """
     edge = np.where(darker > 0, strength, 0)
     square, scale = darker * darker, np.float32(_LONG_NOISES * max(noise, _LONG_NOISE))
     plain = square / (square + scale * scale)

@@ -3,7 +3,8 @@
 Measurements from neighbouring places share errors of the DEM, the lens and refraction. Fused as independent ones, ten of them
 would claim a third of the error of one. Each covariance therefore has a *common* part, whose correlation with that of other
 places is unknown, and an independent rest. Split covariance intersection (Julier and Uhlmann, "General decentralized data
-fusion with covariance intersection", 2001) is consistent for any such correlation."""
+fusion with covariance intersection", 2001) is consistent for any such correlation.
+"""
 
 from typing import Annotated, Self
 

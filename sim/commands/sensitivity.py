@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     "--scenarios",
     "scenario_folder",
     type=click.Path(path_type=Path),
-    metavar="DIR",
+    metavar="FOLDER",
     default=Path("configs/scenarios/evaluate"),
     show_default=True,
     help="Folder with the scenarios that the cases are drawn from.",

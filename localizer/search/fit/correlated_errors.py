@@ -119,7 +119,8 @@ class NormalEquations:
 
     ``nll``: negative log-likelihood at the current parameters. ``log_evidence``: log marginal likelihood of the model, the
     parameters integrated out by Laplace approximation, up to a constant: 0.5 g' H^-1 g - nll - 0.5 ln det S - 0.5 ln det H,
-    with the covariance S of the residuals."""
+    with the covariance S of the residuals.
+    """
 
     hessian: Floats
     gradient: Floats
@@ -223,7 +224,8 @@ def _whiten(
     step a in correlation lengths: exp(-a) [[1 + a, a], [-a, 1 - a]]. The steps are in correlation lengths.
 
     Returns 0.5 ln det of the covariance, and the sum of OUTLIER_NLL. The last column of ``values``, the residuals, decides
-    which rows are outliers; such a row is set to zero in all columns, and the states are not updated."""
+    which rows are outliers; such a row is set to zero in all columns, and the states are not updated.
+    """
     n, k = values.shape
     state = np.zeros((3, k))
     p00, p11, p22, p01, p02, p12 = 1.0, 1.0, 1.0, 0.0, 0.0, 0.0

@@ -71,7 +71,8 @@ def grid_second_moment(
 
     The log-posterior is divided by ``temperature``. The moment is near zero for a single narrow optimum between the grid
     points, and large for a flat likelihood or one with many optima. A point more than a cell away counts only if it is
-    ``plausible`` (row, column, altitude), because the robust likelihood tolerates whole stretches that do not fit."""
+    ``plausible`` (row, column, altitude), because the robust likelihood tolerates whole stretches that do not fit.
+    """
     coefficients = _coefficients_at(problem, start)
     (evaluated,) = _evaluated_grid(problem, start, [noise], reach_cells, step_cells)
     if not evaluated:

@@ -1,7 +1,8 @@
 """The objective: the negative log-posterior of the unknowns, up to a constant.
 
 It is the sum of half the squared whitened residuals, the log-normalisation of their covariance, the outliers' part, and half
-the squared normalised deviations from the priors."""
+the squared normalised deviations from the priors.
+"""
 
 from dataclasses import replace
 

@@ -3,7 +3,8 @@
 Each iteration solves (H + lambda diag H) dx = -g for the unknowns of ``problem``, with H and g of the whitened, reweighted
 residuals, and accepts the step if the negative log-likelihood falls. The noise is re-estimated at certain iterations. The
 covariance is that of the Laplace approximation, averaged over the error models that remain plausible (Bayesian model
-averaging)."""
+averaging).
+"""
 
 from dataclasses import dataclass
 
@@ -269,7 +270,8 @@ def _shift_sigma_m(problem: Problem, model: ErrorModel) -> float:
 
 def _averaged_covariance(models: list[tuple[ErrorModel, NormalEquations]]) -> Floats:
     """Covariance of the parameters averaged over error models by their evidence, with the spread of their optima (law of total
-    variance)."""
+    variance).
+    """
     evidence = np.array([normal.log_evidence for _, normal in models])
     share = np.exp(evidence - evidence.max())
     share /= share.sum()
