@@ -9,25 +9,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from localizer.bundle import Bundle
-from localizer.camera import camera_to_world, project
-from localizer.dem.datum import UNKNOWN_DATUM_M
-from localizer.dem.geodesy import lonlat_to_rowcol
-from localizer.dem.horizon import Terrain, at_dem_edge, horizon, horizon_around, prepare_terrain
+from localizer.dem.horizon import Terrain, horizon, horizon_around, prepare_terrain
 from localizer.dem.lattice import Dem
 from localizer.observation import FrameObservation, Observation, PriorCircle
 from localizer.search.altitude_reference import diagnose_altimeter, with_datum_uncertainty
-from localizer.search.answer import Located, fix_of, metric_covariance
+from localizer.search.answer import Located, fix_of
 from localizer.search.coarse_to_fine import RankedCells, likeliest_cells
 from localizer.search.contours import BINS, FrameContour, MeasuredSkyline, frame_contour, measured_skyline
 from localizer.search.decide import Decision, no_place, with_refined_best
-from localizer.search.details import FrameDetail, LocateDetails, LocateResult, SolvedErrors
+from localizer.search.details import LocateResult
 from localizer.search.fit.refine import Refined
-from localizer.search.leave_one_out import CheckedAnswer, check_frames
+from localizer.search.frame_details import details_of, usable_columns
+from localizer.search.leave_one_out import check_frames
+from localizer.search.prior_circle import cells_within_prior
 from localizer.search.reasons import no_ground_at_altitude, no_match, no_skyline
 from localizer.search.selection import refined_on_exact_dem, select_place
 from localizer.search.stage1 import Band, Stage1, bands, heading_offsets_deg, search_stage1
 from localizer.search.stage2 import search_stage2
-from localizer.skyline.find import CONFIDENT, ColumnState, Skyline, find_skyline
+from localizer.skyline.find import Skyline, find_skyline
 from localizer.skyline.upright import frame_skyline, upright
 
 Floats = NDArray[np.float64]
@@ -75,7 +74,7 @@ def locate_bundle(bundle: Bundle, dem: Dem) -> LocateResult:
     fix = diagnose_altimeter(
         terrain, observation, fix, lambda blind: locate(terrain, blind, retry_all_cells=False)
     )
-    return LocateResult(fix, _details(terrain, bundle, observation, skylines, checked))
+    return LocateResult(fix, details_of(terrain, bundle, observation, skylines, checked))
 
 
 def load_kernels(terrain: Terrain) -> None:
@@ -104,7 +103,7 @@ def observe(bundle: Bundle, skylines: list[Skyline]) -> Observation:
     """The search's input: the confident columns of each frame, turned upright, and the bundle's readings."""
     frames = []
     for frame, skyline in zip(bundle.frames, skylines, strict=True):
-        used = _usable(skyline)
+        used = usable_columns(skyline)
         turned = upright(bundle.camera, frame.roll_deg)
         frames.append(
             FrameObservation(
@@ -160,7 +159,7 @@ def locate(terrain: Terrain, observation: Observation, *, retry_all_cells: bool 
             observation.altitude_m,
             observation.altitude_sigma_m,
             terrain.nominal_error_m,
-            _within_prior(terrain, observation),
+            cells_within_prior(terrain, observation),
         )
     if observation.altitude_m is not None and len(stage1.survivors["altitude"]) == 0:
         return Located(
@@ -226,118 +225,3 @@ def _decided(
         return no_place(no_match(360.0)), None
     with stopwatch.part("refine"):
         return select_place(terrain, observation, contours, ranked)
-
-
-def _within_prior(terrain: Terrain, observation: Observation) -> NDArray[np.bool_] | None:
-    """Mask (rows, cols) of the cells inside the prior's circle; None without a prior."""
-    prior = observation.prior
-    if prior is None:
-        return None
-    dem = terrain.dem
-    row, col = (float(value) for value in lonlat_to_rowcol(dem, prior.lon_deg, prior.lat_deg))
-    inside = np.zeros((dem.rows, dem.cols), bool)
-    if not np.isfinite([row, col]).all():
-        return inside
-    coefficients = terrain.geodesics.at(np.clip(row, 0, dem.rows), np.clip(col, 0, dem.cols))[0]
-    to_ground = np.linalg.inv(
-        coefficients[:, :2]
-    )  # from rows and columns to metres east and north, as it is at the centre
-    doubt_m = 0.0 if dem.shift.known else UNKNOWN_DATUM_M  # the circle is given on WGS84
-    radius_m = prior.radius_m + doubt_m
-    reach = 1.5 * radius_m * np.abs(coefficients[:, :2]).sum(axis=1) + 2.0
-    first = np.clip(np.floor([row - reach[0], col - reach[1]]), 0, (dem.rows, dem.cols)).astype(int)
-    end = np.clip(np.ceil([row + reach[0], col + reach[1]]) + 1, 0, (dem.rows, dem.cols)).astype(int)
-    if (end <= first).any():
-        return inside
-    steps = np.stack(
-        np.meshgrid(np.arange(first[0], end[0]) - row, np.arange(first[1], end[1]) - col, indexing="ij")
-    )
-    off_m = np.tensordot(to_ground, steps, axes=1)
-    for _ in range(2):  # of a circle of many kilometres the second order counts
-        e, n = off_m
-        bent = np.tensordot(coefficients[:, 2:], np.array([e * e, e * n, n * n]), axes=1)
-        off_m = np.tensordot(to_ground, steps - bent, axes=1)
-    inside[first[0] : end[0], first[1] : end[1]] = np.hypot(*off_m) <= radius_m
-    return inside
-
-
-def _usable(skyline: Skyline) -> NDArray[np.bool_]:
-    return np.asarray(
-        (skyline.state == ColumnState.OK) & (skyline.confidence >= CONFIDENT) & np.isfinite(skyline.row_px)
-    )
-
-
-def _details(
-    terrain: Terrain,
-    bundle: Bundle,
-    observation: Observation,
-    skylines: list[Skyline],
-    checked: CheckedAnswer,
-) -> LocateDetails:
-    """Found and predicted skylines, cells left by stage 1, and candidates."""
-    located = checked.located
-    best = located.best
-    errors = iter(best.frame_errors_deg) if best else iter(())
-    frames = []
-    for recorded, frame, skyline in zip(bundle.frames, observation.frames, skylines, strict=True):
-        turned = upright(bundle.camera, recorded.roll_deg)
-        camera = turned.camera
-        found = np.isfinite(skyline.row_px)
-        u = v = np.zeros(0)
-        dem_edge_share = 0.0
-        left_out = frame.label == checked.left_out
-        solved = best is not None and len(frame.u_px) > 1 and not left_out
-        own = next(errors) if solved else np.zeros(3)
-        if best is not None:
-            attitude = (
-                frame.azimuth_deg - best.azimuth_bias_deg - own[0],
-                frame.tilt_deg - best.tilt_bias_deg - own[1],
-                frame.roll_deg - own[2],
-            )
-            half_view = np.degrees(np.arctan(camera.width_px / camera.fx_px)) + 5.0
-            azimuth = attitude[0] + np.arange(-half_view, half_view, 0.05)
-            elevation, distance_m = horizon(terrain, best.row, best.col, best.altitude_m, azimuth)
-            u, v = project(camera, camera_to_world(*attitude), azimuth, elevation[0])
-            inside = (u >= -1.0) & (u <= camera.width_px)
-            u, v = u[inside], v[inside]
-            if inside.any() and not terrain.exact:
-                seen_m = distance_m[0][inside]
-                dem_edge_share = float(
-                    at_dem_edge(terrain, best.row, best.col, np.radians(azimuth[inside]), seen_m).mean()
-                )
-        found_u, found_v = turned.as_recorded(np.nonzero(found)[0].astype(float), skyline.row_px[found])
-        u, v = turned.as_recorded(u, v)
-        frames.append(
-            FrameDetail(
-                label=frame.label,
-                found_u_px=found_u,
-                found_v_px=found_v,
-                used=_usable(skyline)[found],
-                predicted_u_px=u,
-                predicted_v_px=v,
-                errors_deg=(float(own[0]), float(own[1]), float(own[2])) if solved else None,
-                agreement=checked.agreement.get(frame.label),
-                left_out=left_out,
-                dem_edge_share=dem_edge_share,
-                quarter_turns=turned.quarter_turns,
-            )
-        )
-    candidates = located.decision.candidates
-    return LocateDetails(
-        tuple(frames),
-        located.stage1.survivors,
-        np.array([[c.row, c.col] for c in candidates]).reshape(-1, 2),
-        np.array([metric_covariance(terrain, c) for c in candidates]).reshape(-1, 2, 2),
-        None if best is None else _solved_errors(best),
-    )
-
-
-def _solved_errors(best: Refined) -> SolvedErrors:
-    return SolvedErrors(
-        altitude_m=best.altitude_m,
-        dem_error_m=best.dem_error_m,
-        correlation_columns=best.correlation_columns,
-        inlier_share=best.inlier_share,
-        prior_chi2=best.prior_chi2,
-        evidence=best.evidence,
-    )

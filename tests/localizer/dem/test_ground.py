@@ -16,7 +16,7 @@ from localizer.dem.lattice import dem_from_array
 from localizer.fix import ellipse
 from localizer.observation import Observation, PriorCircle
 from localizer.search.answer import metric_covariance
-from localizer.search.locate import _within_prior
+from localizer.search.prior_circle import cells_within_prior
 from localizer.show.candidates import ellipse_ring_m, places
 from localizer.show.text import fix_text, sigmas_off
 from localizer.truth import Truth
@@ -160,7 +160,7 @@ def test_a_prior_s_circle_is_of_the_ground(radius_m):
     row, col = np.mgrid[: dem.rows, : dem.cols]
     lon, lat = rowcol_to_lonlat(dem, row, col)
     off_m = GEOD.inv(np.full(lon.shape, lon_deg), np.full(lon.shape, lat_deg), lon, lat)[2]
-    within = _within_prior(terrain, nothing)
+    within = cells_within_prior(terrain, nothing)
     clear = np.abs(off_m - radius_m) > 0.5
     assert np.array_equal(within[clear], (off_m <= radius_m)[clear])
 
@@ -168,7 +168,7 @@ def test_a_prior_s_circle_is_of_the_ground(radius_m):
 def test_a_prior_far_outside_holds_no_cell():
     terrain = prepare_terrain(mercator_dem())
     away = Observation((), 2.0, None, np.inf, 0.5, 0.02, PriorCircle(-40.0, 170.0, 1000.0))
-    assert not _within_prior(terrain, away).any()
+    assert not cells_within_prior(terrain, away).any()
     assert Prior(lat_deg=0.0, lon_deg=241.8, radius_m=10.0).lon_deg == 241.8
 
 

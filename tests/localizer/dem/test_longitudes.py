@@ -33,7 +33,7 @@ from localizer.dem.lattice import dem_from_array, load_dem
 from localizer.fix import Position, lat_lon
 from localizer.observation import Observation, PriorCircle
 from localizer.predict.views import standpoint
-from localizer.search.locate import _within_prior
+from localizer.search.prior_circle import cells_within_prior
 from localizer.show.candidates import places
 from localizer.show.posterior import posterior
 from localizer.show.report_folder import files_beside
@@ -126,7 +126,7 @@ def test_a_prior_s_circle_lies_where_it_is_in_either_convention(name):
     lon_deg, lat_deg = (float(v) for v in rowcol_to_lonlat(terrain.dem, 20.0, 30.0))
     for turned in (lon_deg, lon_deg + 360.0, lon_deg - 360.0):
         circle = PriorCircle(lat_deg, turned, 200.0)
-        within = _within_prior(terrain, Observation((), 2.0, None, np.inf, 0.5, 0.02, circle))
+        within = cells_within_prior(terrain, Observation((), 2.0, None, np.inf, 0.5, 0.02, circle))
         assert within[20, 30]
         assert 100 < within.sum() < 400
 
