@@ -80,15 +80,15 @@ def locate_bundle(bundle: Bundle, dem: Dem) -> LocateResult:
 def load_kernels(terrain: Terrain) -> None:
     """Compile the search's kernels, or load compiled ones from the disk, by calls with empty input.
 
-    Later calls in a process cost nothing. Without this the first search would take longer.
+    Later calls in a process cost empty. Without this the first search would take longer.
     """
-    no_place, nothing = np.zeros((0, 2), np.int64), np.zeros(0)
-    blind = MeasuredSkyline(np.full(BINS, np.nan), np.full(BINS, np.nan), np.zeros(BINS), {})
-    any_way = [Band("", 0.0, np.array([-np.inf]), np.array([np.inf]))]
-    search_stage1(terrain, any_way, 0.0, 0.0, 0.0, 0.0, np.zeros(terrain.height_m.shape, bool))
-    search_stage2(terrain, blind, no_place, nothing, nothing, np.zeros(1), 1.0, 1.0, 90.0)
-    horizon(terrain, nothing, nothing, nothing, nothing)
-    horizon_around(terrain, 0.0, 0.0, 0.0, nothing)
+    no_cells, empty = np.zeros((0, 2), np.int64), np.zeros(0)
+    no_skyline_seen = MeasuredSkyline(np.full(BINS, np.nan), np.full(BINS, np.nan), np.zeros(BINS), {})
+    unbounded = [Band("", 0.0, np.array([-np.inf]), np.array([np.inf]))]
+    search_stage1(terrain, unbounded, 0.0, 0.0, 0.0, 0.0, np.zeros(terrain.height_m.shape, bool))
+    search_stage2(terrain, no_skyline_seen, no_cells, empty, empty, np.zeros(1), 1.0, 1.0, 90.0)
+    horizon(terrain, empty, empty, empty, empty)
+    horizon_around(terrain, 0.0, 0.0, 0.0, empty)
     load_picture_kernels()
 
 

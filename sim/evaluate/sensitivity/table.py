@@ -31,6 +31,8 @@ class Line:
     """Of the fixes."""
     median_shift_sigmas: float | None
     """How far places moved from the default's, in its standard deviations (longer axis), over cases that have both."""
+    median_sigma_ratio: float | None
+    """Standard deviation of a place (longer axis) over the default's, over cases that have both."""
     coverage_95: float | None
     """Share of the fixes that are not wrong whose truth lies in the 95 % ellipse."""
     time_ratio: float
@@ -56,6 +58,8 @@ def _line(constant: str, meaning: str, change: str, setting: str, variant: Measu
     fixes = [row for row in rows if row.status == "fix"]
     errors_m = [row.error_m for row in fixes if row.error_m is not None]
     shifts = [s for s in map(_shift_sigmas, rows, base.rows) if s is not None]
+    pairs = [(row.sigma_major_m, old.sigma_major_m) for row, old in zip(rows, base.rows, strict=True)]
+    ratios = [new / old for new, old in pairs if new is not None and old is not None]
     return Line(
         constant=constant,
         meaning=meaning,
@@ -68,6 +72,7 @@ def _line(constant: str, meaning: str, change: str, setting: str, variant: Measu
         status_changes=sum(row.status != old.status for row, old in zip(rows, base.rows, strict=True)),
         median_error_m=float(np.median(errors_m)) if errors_m else None,
         median_shift_sigmas=float(np.median(shifts)) if shifts else None,
+        median_sigma_ratio=float(np.median(ratios)) if ratios else None,
         coverage_95=coverage(right_fixes(rows))["0.95"],
         time_ratio=variant.cpu_s / base.cpu_s,
     )
@@ -103,6 +108,7 @@ def as_markdown(table: Sequence[Line], plan: Plan, command: str) -> str:
         "status changed",
         "median error m",
         "median shift, sigma",
+        "sigma ratio",
         "in 95 %",
         "time",
     )
@@ -121,6 +127,7 @@ def as_markdown(table: Sequence[Line], plan: Plan, command: str) -> str:
                     str(line.status_changes) if line.status_changes else "-",
                     _number(line.median_error_m),
                     _number(line.median_shift_sigmas),
+                    _number(line.median_sigma_ratio),
                     "-" if line.coverage_95 is None else f"{line.coverage_95:.0%}",
                     f"{line.time_ratio:.2f}",
                 )
@@ -138,7 +145,8 @@ def as_markdown(table: Sequence[Line], plan: Plan, command: str) -> str:
             "- *half*, *double*: of a probability or a share, its distance from 1; of a grid, its reach.",
             "- *wrong*: a fix more than 5 cells and 5 sigma from the truth. *status changed*: cases whose status differs "
             "from the default's.",
-            "- *median shift*: how far the place moves from the default's, in the default's standard deviations.",
+            "- *median shift*: how far the place moves from the default's, in the default's standard deviations. *sigma "
+            "ratio*: standard deviation of the place over the default's, median.",
             "- *in 95 %*: share of the fixes that are not wrong whose truth lies in the 95 % ellipse. *time*: CPU time over "
             "the default's, drawing the cases included.",
             "- The cases are few: the table shows which constants change an answer at all, not rates. `--cases` takes more.",
