@@ -35,9 +35,9 @@ MOST_BYTES = 8_000_000
 """Of ``bundle.json``; one that ``rig capture`` writes has some ten thousand."""
 MOST_PICTURE_BYTES = 512_000_000
 MOST_FRAMES = 1000
-"""Each is unpacked and looked at by whoever reads the bundle."""
+"""Most frames of a bundle: every reader decodes all of them."""
 ID_PATTERN = "[0-9A-Za-z][0-9A-Za-z_.-]{0,127}"
-"""What names a bundle, its folder and its place in an archive: nothing else is read, written or imported."""
+"""Pattern of a bundle's id, which is also the name of its folder and of its folder in an archive."""
 ALTITUDE_STEP = "altitude"
 """The first step of the search; the others bear the frames' labels."""
 
@@ -92,11 +92,11 @@ InsidePath: TypeAlias = Annotated[
 UtcTime: TypeAlias = Annotated[datetime, AfterValidator(_utc)]
 PixelCount: TypeAlias = Annotated[int, Field(gt=0, le=32768)]
 NARROWEST_VIEW_DEG, WIDEST_VIEW_DEG = 0.2, 170.0
-"""Of a camera that skylines can be seen with, and a pinhole model stands for."""
+"""Range of the field of view for which a pinhole model with distortion is meaningful."""
 PERSPECTIVE = "perspective"
 """The one camera model that is supported."""
 LEAST_INVERTIBLE = 0.6
-"""Share of a picture where a lens model must be one to one; many fold over in the corners."""
+"""Least share of the image in which the lens model must be invertible; many are not in the corners."""
 FocalLength: TypeAlias = Annotated[float, Field(gt=0.0, le=1e6)]
 Distortion: TypeAlias = Annotated[float, Field(ge=-1e3, le=1e3)]
 Azimuth: TypeAlias = Annotated[float, Field(ge=0.0, lt=360.0)]
@@ -302,7 +302,8 @@ class Bundle(_Part):
 
     def to_json(self) -> str:
         """What ``bundle.json`` holds, unknown fields included; ``prior`` is absent where there is none, what a camera
-        does not say likewise."""
+        does not say likewise.
+        """
         fields: dict[str, Any] = self.model_dump(mode="json", by_alias=True)
         if fields["prior"] is None:
             del fields["prior"]
@@ -393,15 +394,15 @@ def frame_image(bundle: Bundle, frame: Frame) -> NDArray[np.uint8]:
     content = _content(bundle.directory, frame.file, f"{place}.file")
     if hashlib.sha256(content).hexdigest() != frame.sha256:
         raise BundleError(f"{place}.sha256: {frame.file} has another checksum; it changed after the capture")
-    quarters = round(frame.roll_deg / 90.0) % 4
+    quarter_turns = round(frame.roll_deg / 90.0) % 4
     try:
-        return decode_picture(content, bundle.camera.width_px, bundle.camera.height_px, quarters)
+        return decode_picture(content, bundle.camera.width_px, bundle.camera.height_px, quarter_turns)
     except PictureError as error:
         raise BundleError(f"{place}.file: {frame.file} {error}") from None
 
 
 def _content(directory: Path, name: str, place: str) -> bytes:
-    """What is in a file of the bundle. ``place``: what names it, for the error."""
+    """Content of a file of the bundle. ``place``: its name in error messages."""
     file = directory / name
     try:
         # a symbolic link can lead outside although the path itself does not

@@ -148,7 +148,7 @@ def project(
 def invertible_share(camera: Intrinsics, width_px: int, height_px: int) -> float:
     """Share of a picture's pixels whose rays, seen through the lens model, come back to them within a pixel."""
     u, v = (grid.ravel() for grid in np.meshgrid(*(np.linspace(0, n - 1, 9) for n in (width_px, height_px))))
-    with np.errstate(all="ignore"):  # where the model breaks down, that shows below
+    with np.errstate(all="ignore"):  # where the model is not invertible, the result below is not finite
         rays = pixel_rays(camera, u, v)
         back, _ = cv2.projectPoints(
             rays.reshape(-1, 1, 3), np.zeros(3), np.zeros(3), _matrix(camera), np.asarray(camera.distortion)

@@ -1,4 +1,4 @@
-"""JSON and TOML from outside, through one reader: limits on size, depth and numbers, and one line for what is wrong.
+"""The reader of JSON and TOML from outside: limits on size, depth and numbers, and errors of one line.
 
 Whoever reads a file, a socket or a request says before the message which one it was: ``f"{path}: {error}"``.
 """
@@ -22,9 +22,9 @@ MOST_TOML_BYTES = 1_000_000
 MOST_VALUES = 500_000
 DEEPEST = 64
 MOST_DIGITS = 300
-"""Of a whole number; what is longer is beyond what a double can be."""
+"""Most digits of an integer; longer ones exceed the range of a double."""
 PIPE_S = 5.0
-"""Who is read from a pipe has to have said all within this time."""
+"""Time limit for reading a pipe."""
 _READ_BYTES = 1 << 20
 
 # Each part of a dotted key is one level more, and ``tomllib`` takes a time that grows with the square of their number:
@@ -35,7 +35,7 @@ _LONG_KEY = re.compile(
 
 
 class DocumentError(SkyfixError):
-    """A document that is not taken. The message goes on after its name: "is nested more than 64 deep"."""
+    """A refused document. The message follows the document's name: "is nested more than 64 deep"."""
 
 
 def read_file(path: Path, most_bytes: int) -> bytes:
@@ -166,7 +166,7 @@ def _each_name_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _check_values(root: Any, named: Callable[[list[Any]], str]) -> None:
-    """Everything below ``root``; a loop of its own, for what is deep must not be looked at by going deep."""
+    """Check all values below ``root``, iteratively: a recursion could overflow on deeply nested values."""
     waiting: list[tuple[Any, tuple[Any, ...] | None, int]] = [(root, None, 0)]
     wrong: str | None = None
     while waiting and wrong is None:

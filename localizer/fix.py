@@ -1,4 +1,4 @@
-"""The fix, ``skyfix.fix/1``: where the camera stood, how sure that is, and what the search did for it."""
+"""The fix, ``skyfix.fix/1``: position, covariance, probabilities, and statistics of the search."""
 
 from typing import Annotated, Literal, NamedTuple, Self
 
@@ -11,7 +11,7 @@ Probability = Annotated[float, Field(ge=0.0, le=1.0)]
 Status = Literal["fix", "ambiguous", "none"]
 
 EXIT_STATUS: dict[Status, int] = {"fix": 0, "ambiguous": 3, "none": 4}
-"""What ``localizer locate`` ends with."""
+"""Exit statuses of ``localizer locate``."""
 
 
 class _Part(BaseModel):
@@ -255,7 +255,7 @@ class ErrorEllipse(NamedTuple):
 
 
 class EllipseAxes(NamedTuple):
-    """Of one standard deviation."""
+    """Axes of the one-sigma ellipse."""
 
     major_m: float
     minor_m: float

@@ -29,11 +29,11 @@ def kernel(*, parallel: bool = False, inline: bool = False) -> Callable[[Functio
     )
 
 
-def with_sound_kernels(load: Callable[[], T]) -> T:
-    """What ``load`` gives, which calls kernels: once more with freshly compiled ones where those on disk are damaged.
+def recompiled_if_damaged(load: Callable[[], T]) -> T:
+    """The result of ``load``, which calls kernels; repeated with newly compiled ones if those on disk are damaged.
 
-    Where the power fails soon after kernels were compiled, files without their content are left, and numba stumbles over
-    them at every later start. Only a folder that was made for them (``NUMBA_CACHE_DIR``) is emptied.
+    A power failure soon after compilation can leave empty cache files, on which numba fails at every later start. Only a folder
+    of their own (``NUMBA_CACHE_DIR``) is emptied.
     """
     try:
         return load()

@@ -1,6 +1,6 @@
-"""What the search is given: the skyline's points in each frame and how well everything about them is known.
+"""The observation, input of the search: skyline points and attitude of each frame, altitude, and all sigmas.
 
-It does not matter here whether the points came from an image, from a person with a pencil or from a simulation.
+The points can come from an image, from manual tracing or from a simulation.
 """
 
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from localizer.camera import Intrinsics
 
 NO_COMPASS_SIGMA_DEG = 180.0
-"""An azimuth bias of this sigma or more says that nothing is known about the heading."""
+"""An azimuth bias sigma of this or more means that the heading is unknown."""
 
 
 @dataclass(frozen=True)

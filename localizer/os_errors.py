@@ -1,4 +1,4 @@
-"""What the operating system refuses, in its words, with what to do about that very refusal."""
+"""Messages for errors of the operating system: its own words, and what to do."""
 
 import difflib
 import errno
@@ -56,7 +56,7 @@ def why_not_written(error: OSError, elsewhere: str = "write elsewhere") -> str:
 
 
 def meant_instead(path: Path) -> str:
-    """What is there instead of a path that is not, to follow a sentence: the first missing part, and a name like it."""
+    """A hint for a missing path, to follow a sentence: its first missing part, or a similar name that exists."""
     missing = path
     while not missing.parent.exists() and missing.parent != missing:
         missing = missing.parent

@@ -1,4 +1,4 @@
-"""Files that a command is asked to write: whether they can be, before the work and not after it."""
+"""Output files of a command: checked for writability before the work starts."""
 
 import tempfile
 from collections.abc import Iterator
@@ -27,7 +27,7 @@ def prepare_folder(option: str, folder: Path) -> None:
 
 
 def check_picture_path(option: str, path: Path) -> None:
-    """Before the work rather than after it. Raises ``SkyfixError``."""
+    """Check that a picture can be written to ``path``, before the work starts. Raises ``SkyfixError``."""
     if path.suffix.lower() not in PICTURE_SUFFIXES:
         raise SkyfixError(f"{option}: {path}: no picture format; name it {', '.join(PICTURE_SUFFIXES)}")
     if not path.parent.is_dir():
@@ -39,7 +39,7 @@ def check_picture_path(option: str, path: Path) -> None:
 
 @contextmanager
 def writing(option: str, path: Path) -> Iterator[None]:
-    """While a file is written. Raises ``SkyfixError`` where the operating system refuses, say on a full disk."""
+    """Context for writing a file: turns an ``OSError``, as on a full disk, into a ``SkyfixError``."""
     try:
         yield
     except OSError as error:

@@ -40,7 +40,9 @@ class PictureError(SkyfixError):
     """A picture that cannot be used. The message goes on after the file's name."""
 
 
-def decode_picture(content: bytes, width_px: int, height_px: int, quarters: int = 0) -> NDArray[np.uint8]:
+def decode_picture(
+    content: bytes, width_px: int, height_px: int, quarter_turns: int = 0
+) -> NDArray[np.uint8]:
     """BGR, (height_px, width_px, 3), transparency left out.
 
     The picture is as stored unless only its orientation tag (EXIF) makes it of that size, or the tag says that it stands on
@@ -52,7 +54,7 @@ def decode_picture(content: bytes, width_px: int, height_px: int, quarters: int 
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of doubtful metadata, which does not concern the pixels
             with Image.open(BytesIO(content), formats=FORMATS) as picture:
-                turn = _turn(picture, (width_px, height_px), quarters)
+                turn = _turn(picture, (width_px, height_px), quarter_turns)
                 size = picture.size[::-1] if turn in SIDEWAYS else picture.size
                 if size != (width_px, height_px):
                     raise PictureError(
@@ -70,7 +72,7 @@ def decode_picture(content: bytes, width_px: int, height_px: int, quarters: int 
         raise PictureError(f"is not a picture that can be read ({error})") from None
 
 
-def _turn(picture: Image.Image, size: tuple[int, int], quarters: int) -> int:
+def _turn(picture: Image.Image, size: tuple[int, int], quarter_turns: int) -> int:
     """The orientation (EXIF 0x0112) to be honoured."""
     try:
         tag = int(picture.getexif().get(ORIENTATION, UPRIGHT))
@@ -79,7 +81,7 @@ def _turn(picture: Image.Image, size: tuple[int, int], quarters: int) -> int:
     if tag not in _TURNS:
         return UPRIGHT
     shown = picture.size[::-1] if tag in SIDEWAYS else picture.size
-    if shown != size or (picture.size == size and (quarters != 0 or tag not in TURNED)):
+    if shown != size or (picture.size == size and (quarter_turns != 0 or tag not in TURNED)):
         return UPRIGHT
     return tag
 

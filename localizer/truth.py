@@ -1,4 +1,4 @@
-"""Where the camera really stood, as a simulation or a survey says it."""
+"""The true position of the camera, from a simulation or a survey."""
 
 from os import PathLike
 from pathlib import Path

@@ -19,6 +19,8 @@ OWN = {
     "sim/commands/demo.py": "a fix of its own, and what its own command prints",
     "sim/rigs/calibration_trial.py": "what its own command prints",
     "sim/evaluate/table.py": "its own settings",
+    "sim/evaluate/sensitivity/worker.py": "what its own process asks",
+    "sim/evaluate/sensitivity/run.py": "what its own process answers",
 }
 """Files that parse what does not come from outside, and what that is."""
 

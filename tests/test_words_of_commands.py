@@ -13,7 +13,7 @@ from click.testing import CliRunner
 
 from localizer.commands.cli import localizer
 from localizer.commands.command_line import NumbersCommand, run, take_negative_numbers
-from localizer.commands.streams import write_whatever_comes
+from localizer.commands.streams import replace_unencodable_characters
 from rig.commands.cli import rig
 from sim.commands.cli import sim
 
@@ -48,7 +48,7 @@ def ran(*words: str, shell: str = "", **environment: str) -> subprocess.Complete
 
 @pytest.mark.parametrize("name", [n for program, group in PROGRAMS.items() for n in names(group, program)])
 def test_every_help_is_written_in_ascii_where_nothing_else_can_be(name: str) -> None:
-    write_whatever_comes()  # registers the way
+    replace_unencodable_characters()  # registers the way
     program, *words = name.split()
     result = CliRunner().invoke(PROGRAMS[program], [*words, "--help"], prog_name=program)
     plain = result.output.encode("ascii", "skyfix-plain").decode("ascii")
@@ -57,7 +57,7 @@ def test_every_help_is_written_in_ascii_where_nothing_else_can_be(name: str) -> 
 
 
 def test_what_cannot_be_encoded_is_written_in_another_way() -> None:
-    write_whatever_comes()
+    replace_unencodable_characters()
     assert "4 °C ± 2 µT…".encode("ascii", "skyfix-plain") == b"4 deg C +- 2 uT..."
     assert "Höhe".encode("ascii", "skyfix-plain") == b"H\\xf6he"
     assert os.fsdecode(b"a\xff").encode("utf-8", "skyfix-plain") == b"a\\udcff"  # a file name that is no text

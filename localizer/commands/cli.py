@@ -17,7 +17,7 @@ from localizer.dem.choice import DemChoice
 from localizer.dem.info import dem_info, info_fields, info_text
 from localizer.output_files import check_picture_path, writing
 from localizer.show.output_parts import OutputParts
-from localizer.show.text import notes, report
+from localizer.show.text import fix_text, notes
 from localizer.truth import load_truth
 
 
@@ -94,7 +94,7 @@ def locate(
     result = locate_bundle(bundle, dem)
     for note in notes(result, bundle, dem):
         click.echo(f"localizer: {note}", err=True)
-    click.echo(result.fix.to_json() if as_json else report(result.fix, dem, truth))
+    click.echo(result.fix.to_json() if as_json else fix_text(result.fix, dem, truth))
     if plot_path is not None or report_folder is not None:
         images = {frame.label: frame_image(bundle, frame) for frame in bundle.frames}
     parts = OutputParts()

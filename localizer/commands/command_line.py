@@ -1,4 +1,4 @@
-"""What commands share: how they end (one clear line for an expected failure, the contract's exit status), common options."""
+"""Shared by all commands: error lines, exit statuses of the contract, and common options."""
 
 import errno
 import math
@@ -12,7 +12,7 @@ from typing import Any, NoReturn, TypeVar
 
 import click
 
-from localizer.commands.streams import nobody_reads, write_no_more, write_whatever_comes
+from localizer.commands.streams import discard_output, is_closed_pipe, replace_unencodable_characters
 from localizer.errors import SkyfixError
 from localizer.os_errors import why_not_written
 
@@ -26,10 +26,10 @@ def run(command: click.Command, program: str) -> NoReturn:
     """Run ``command`` with the process's arguments and exit.
 
     Bad usage and every ``SkyfixError`` become one line on standard error, ``program: message``; the exit status is the
-    error's own (2 for bad input). A reader who closes the pipe early (``| head``) has enough: the program ends without a
-    word. Any other exception is a defect of the program and shows its traceback.
+    error's own (2 for bad input). If the reader of a pipe closes it (``| head``), the program ends silently. Any other
+    exception is a defect of the program and shows its traceback.
     """
-    write_whatever_comes()
+    replace_unencodable_characters()
     take_negative_numbers(command)
     output = sys.stdout
     try:
@@ -63,7 +63,7 @@ def run(command: click.Command, program: str) -> NoReturn:
         _end(PIPE_CLOSED)
     except SystemExit as ended:
         # click ends with status 1 after any broken pipe, rich after one of standard output
-        if isinstance(ended.__context__, BrokenPipeError) or nobody_reads(output):
+        if isinstance(ended.__context__, BrokenPipeError) or is_closed_pipe(output):
             _end(PIPE_CLOSED)
         if sys.stdout is not output:
             sys.stdout = output
@@ -72,7 +72,7 @@ def run(command: click.Command, program: str) -> NoReturn:
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         if error.errno in _OF_THE_DISK:
-            write_no_more()
+            discard_output()
             _fail(program, f"{where}{_why(error)}", 2)
         if isinstance(error, PermissionError) and where:  # even to ask whether a path exists may be forbidden
             _fail(program, f"{where}permission denied; check who may read and write there", 2)
@@ -84,14 +84,14 @@ _OF_THE_DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
 
 
 def _end(status: int, program: str = "") -> NoReturn:
-    """Exit once everything is written: Python itself would do it after the last word, and complain with a traceback."""
+    """Flush and exit: a failing flush at Python's own exit would print a traceback."""
     try:
         if sys.stdout is not None:
             sys.stdout.flush()
     except BrokenPipeError:
-        write_no_more()
+        discard_output()
     except OSError as error:
-        write_no_more()
+        discard_output()
         _fail(program, _why(error), 2)
     sys.exit(status)
 
@@ -103,7 +103,7 @@ def _why(error: OSError) -> str:
 
 
 class NumbersCommand(click.Command):
-    """A command that takes ``-12.5`` for a number, not for options."""
+    """A command that parses ``-12.5`` as a number, not as options."""
 
     def make_parser(self, ctx: click.Context) -> Any:
         parser = super().make_parser(ctx)
@@ -123,7 +123,7 @@ _NEGATIVE = re.compile(r"-(\d|\.\d|inf|nan)[\w.,+-]*", re.IGNORECASE)
 
 
 def take_negative_numbers(command: click.Command) -> None:
-    """Have a command, and all below it, take negative numbers for numbers, as ``NumbersCommand`` does."""
+    """Make a command and its subcommands parse negative numbers as numbers, as ``NumbersCommand`` does."""
     if isinstance(command, click.Group):
         for each in command.commands.values():
             take_negative_numbers(each)
@@ -132,7 +132,7 @@ def take_negative_numbers(command: click.Command) -> None:
 
 
 def _usage(error: click.UsageError) -> str:
-    """What is wrong with the words of the command."""
+    """The message for a usage error."""
     message = error.format_message().rstrip(".")
     extra = re.fullmatch(r"Got unexpected extra arguments? \((-?[\d.]+)[^)]*\)", message)
     takes_a_place = error.ctx is not None and any(

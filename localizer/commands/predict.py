@@ -16,13 +16,13 @@ from localizer.show.output_parts import OutputParts
 
 MAIN_DIRECTIONS_DEG = (0.0, 90.0, 180.0, 270.0)
 PANORAMA_DEG = (180.0,)
-"""All round there is one view, from north to north; others would show the same."""
+"""A full panorama is one view, from north to north."""
 USUAL_WIDTH_DEG = 66.0
 """Of the contract's example camera."""
 
 
 def parse_place(text: str) -> tuple[float, float]:
-    """Latitude and longitude in degrees, the latter -180 <= lon < 180 whatever was said. Raises ``SkyfixError``."""
+    """Latitude and longitude in degrees, the latter wrapped to -180 <= lon < 180. Raises ``SkyfixError``."""
     try:
         lat_deg, lon_deg = (float(part) for part in text.split(","))
     except ValueError:

@@ -1,4 +1,4 @@
-"""Standard output and standard error: whatever is written, on whatever terminal, into whatever pipe."""
+"""Robust standard output and standard error: closed pipes and limited encodings."""
 
 import codecs
 import io
@@ -9,7 +9,7 @@ from contextlib import suppress
 from typing import Any
 
 
-def nobody_reads(stream: Any) -> bool:
+def is_closed_pipe(stream: Any) -> bool:
     """Whether a stream is a pipe whose reader has closed it."""
     try:
         poll = select.poll()
@@ -19,8 +19,8 @@ def nobody_reads(stream: Any) -> bool:
         return False
 
 
-def write_no_more() -> None:
-    """What is still to be written to standard output goes nowhere, where it cannot be written."""
+def discard_output() -> None:
+    """Discard further standard output if it cannot be written."""
     with suppress(OSError, ValueError, AttributeError):
         with suppress(OSError):
             sys.stdout.flush()
@@ -28,8 +28,8 @@ def write_no_more() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def write_whatever_comes() -> None:
-    """Have characters that standard output, or standard error, cannot encode written in another way, rather than fail.
+def replace_unencodable_characters() -> None:
+    """Replace characters that standard output or standard error cannot encode, instead of failing.
 
     That is so with PYTHONIOENCODING=ascii, with LANG=C on some systems, and for file names that are no text.
     """
@@ -81,7 +81,7 @@ _PLAIN = str.maketrans(
 
 
 def _plain(error: UnicodeError) -> tuple[str, int]:
-    """An error handler of ``codecs``: what is meant, in ASCII."""
+    """An error handler of ``codecs`` that replaces characters by ASCII."""
     if not isinstance(error, UnicodeEncodeError):
         raise error
     text = error.object[error.start : error.end].translate(_PLAIN)

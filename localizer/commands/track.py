@@ -10,9 +10,9 @@ from localizer.bundle import Bundle, load_bundle
 from localizer.dem.lattice import Dem
 from localizer.errors import SkyfixError
 from localizer.output_files import writing
-from localizer.search.doubts import altitude_note, reason_note
+from localizer.search.altitude_reference import altitude_note, reason_note
 from localizer.show.output_parts import OutputParts
-from localizer.show.text import report
+from localizer.show.text import fix_text
 from localizer.truth import Truth
 
 
@@ -56,7 +56,7 @@ def run_track(
         click.echo(track_line(step, dem).to_json() if as_json else step_text(step))
     last = steps[-1].fix
     if not as_json:
-        click.echo(f"\n{report(last, dem, truths[-1] if truths else None)}")
+        click.echo(f"\n{fix_text(last, dem, truths[-1] if truths else None)}")
     if plot_path is not None:
         from localizer.show.track_plot import draw_track
 
@@ -68,7 +68,7 @@ def run_track(
 
 
 def _check_sequence(bundles: Sequence[Bundle]) -> None:
-    """One look that counts twice would confirm itself; a wrong order is only noted, since clocks are set back."""
+    """A bundle used twice would confirm itself: an error. A wrong order is only noted, since clocks can be set back."""
     ids = [bundle.id for bundle in bundles]
     twice = next((bundle_id for bundle_id in ids if ids.count(bundle_id) > 1), None)
     if twice is not None:

@@ -1,4 +1,4 @@
-"""Which elevation files, and what a person says of them that they may not say themselves."""
+"""Elevation files with the properties that a user declares for them."""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class DemChoice:
-    """Elevation files, and what a person says of them that they may not say themselves."""
+    """Elevation files with the properties that a user declares, which take precedence over the files' own."""
 
     paths: tuple[Path, ...]
     vertical_unit: str | None = None
@@ -34,7 +34,7 @@ class DemChoice:
 
     def load(self) -> "Dem":
         """Read them. Raises ``DemError``."""
-        from localizer.dem.lattice import load_dem  # slow to import, and bad usage should be told at once
+        from localizer.dem.lattice import load_dem  # slow to import; bad usage is reported first
 
         return load_dem(
             self.paths,
@@ -48,7 +48,7 @@ class DemChoice:
         )
 
     def load_to_search(self, program: str) -> "Dem":
-        """The same, with notes on standard error of what whoever searches in it should know. Raises ``DemError``."""
+        """Read them, and print the notes for users on standard error. Raises ``DemError``."""
         from localizer.dem.info import dem_notes
 
         dem = self.load()

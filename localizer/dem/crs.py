@@ -1,4 +1,4 @@
-"""Coordinate reference systems: the few things about them that the rest needs, whatever the system."""
+"""Coordinate reference systems: transformations, longitudes, units and names."""
 
 from functools import lru_cache
 
@@ -7,11 +7,11 @@ from affine import Affine
 from numpy.typing import ArrayLike, NDArray
 from pyproj import CRS, Transformer, network
 
-network.set_network_enabled(False)  # type: ignore[attr-defined]  # whatever PROJ_NETWORK says: nothing is downloaded at run time
+network.set_network_enabled(False)  # type: ignore[attr-defined]  # overrides PROJ_NETWORK: nothing is downloaded at run time
 
 WGS84 = CRS.from_epsg(4326)
 LONGEST_NAME = 30
-"""Of a CRS; WKT is longer."""
+"""Longest name of a CRS that is shown; WKT is longer."""
 
 
 @lru_cache(maxsize=64)
@@ -33,7 +33,7 @@ def lattice_xy(
 def transform_xy(
     source: CRS, target: CRS, x: ArrayLike, y: ArrayLike
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Coordinates in ``target``, elementwise; infinite where the systems have no common ground."""
+    """Coordinates in ``target``, elementwise; infinite outside its domain."""
     x, y = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
     if source == target:
         return x.copy(), y.copy()
@@ -42,10 +42,7 @@ def transform_xy(
 
 
 def own_lonlat_deg(crs: CRS, x: ArrayLike, y: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Longitude and latitude in degrees on the CRS's own datum: those in which its geodesics run.
-
-    Longitudes count from the datum's own prime meridian.
-    """
+    """Longitude and latitude in degrees on the CRS's own datum, from its own prime meridian."""
     geographic = geographic_crs(crs)
     lon, lat = transform_xy(crs, geographic, x, y)
     degrees = degrees_per_unit(geographic)
@@ -62,7 +59,7 @@ def own_xy(
 
 
 def degrees_per_unit(geographic: CRS) -> float:
-    """1.0, except that some geographic CRS count in grads."""
+    """Degrees per unit of a geographic CRS: 1, except for those in grads."""
     # by name, because pi / 180 converted back need not be exactly 1
     factor = geographic.axis_info[0].unit_conversion_factor
     return 1.0 if geographic.axis_info[0].unit_name == "degree" else float(np.degrees(factor))
@@ -70,9 +67,9 @@ def degrees_per_unit(geographic: CRS) -> float:
 
 @lru_cache(maxsize=64)
 def geographic_crs(crs: CRS) -> CRS:
-    """The two-dimensional geographic CRS that ``crs`` stands on; itself if it is geographic and its poles are the Earth's.
+    """The two-dimensional geographic CRS that ``crs`` is based on; itself if it is geographic and not derived.
 
-    A derived one (a rotated pole) counts in degrees, too, but its north is not true north: what it is derived from counts.
+    The north of a derived CRS (a rotated pole) is not true north: its base CRS is returned.
     """
     geographic = crs if crs.is_geographic else crs.geodetic_crs
     while geographic is not None and "Derived" in geographic.type_name:
@@ -93,11 +90,11 @@ def is_metric(crs: CRS) -> bool:
 
 
 def wrapped_deg(lon_deg: ArrayLike) -> NDArray[np.float64]:
-    """Longitudes by whole turns into -180 <= lon < 180; those that are there already stay what they are to the last bit."""
+    """Longitudes wrapped to -180 <= lon < 180; values within that range are returned unchanged, bit by bit."""
     lon = np.asarray(lon_deg, np.float64)
     with np.errstate(invalid="ignore"):
         turned = (lon + 180.0) % 360.0 - 180.0
-    # a hair below -180 comes to 180 by rounding
+    # a value just below -180 can round to 180
     turned = np.where(turned >= 180.0, -180.0, turned)
     keep = ((lon >= -180.0) & (lon < 180.0)) | ~np.isfinite(lon)
     return np.asarray(np.where(keep, lon, turned))
@@ -109,14 +106,11 @@ def wrapped_lon_deg(lon_deg: float) -> float:
 
 
 @lru_cache(maxsize=64)
-def turn_in_x(crs: CRS) -> float | None:
-    """How much x grows by once around the Earth, where it is longitude at a scale: geographic CRS and maps on a cylinder.
-
-    None for all others, which have no such seam.
-    """
+def x_period(crs: CRS) -> float | None:
+    """Period of x over 360 degrees of longitude, for geographic CRS and cylindrical projections; None for all others."""
     if crs.is_geographic:
         return 360.0 / degrees_per_unit(crs)
-    # at two places, for the seam may lie at one of them
+    # tested at two places, because the map may be cut at one of them
     west = np.array([0.0, 1.0, 2.0, 0.0, 1.0, 2.0, 120.0, 121.0, 122.0, 120.0, 121.0, 122.0])
     south = np.array([0.0, 0.0, 0.0, 40.0, 40.0, 40.0] * 2)
     x, _ = own_xy(crs, west, south)
@@ -158,6 +152,6 @@ def short_name(crs: CRS) -> str:
 
 
 def readable_name(crs: CRS) -> str:
-    """The same for people, who can do nothing with WKT."""
+    """A name for users: the code, or the CRS's name instead of WKT."""
     name = short_name(crs)
     return name if len(name) < LONGEST_NAME else str(crs.name)

@@ -1,8 +1,8 @@
-"""From a CRS to WGS84: which of PROJ's operations serves a DEM, how exact that is, and whether there is one at all.
+"""Datum transformation to WGS84: the operation of PROJ that fits a DEM, and its accuracy.
 
-PROJ helps itself where it knows no operation: it takes latitudes and longitudes on one datum for those on another (a "ballpark"
-operation), and a place is then a hundred metres or a kilometre off without a word. None of that counts as known here. One
-operation is chosen for a whole DEM, so that no border between two areas of use runs through it.
+If PROJ knows no operation, it silently equates latitudes and longitudes on two datums (a "ballpark" operation), which can be
+off by a hundred metres to a kilometre. Here such a datum counts as unknown. One operation is chosen for a whole DEM, so that
+no boundary between two areas of use runs through it.
 """
 
 import warnings
@@ -20,15 +20,15 @@ from localizer.dem.crs import WGS84, geographic_crs, transform_xy
 
 BALLPARK = "ballpark"
 EARTH_RADII_M = (6_350_000.0, 6_400_000.0)
-"""Of all ellipsoids and spheres that were ever fitted to the Earth."""
+"""Range of the semi-major axes of ellipsoids and spheres for the Earth."""
 UNKNOWN_DATUM_M = 1500.0
-"""So far may a place lie off that is told on a datum which nobody knows: Pulkovo, Tokyo and Kandawala differ by up to 1 km."""
+"""Largest error of a place on an unknown datum: Pulkovo, Tokyo and Kandawala differ from WGS84 by up to 1 km."""
 MODERN_RADIUS_M = 6378137.0
-"""Of GRS 1980 and of what is made after it, which satellites' datums use."""
-UNTOLD_ELLIPSOID_M = 3.0
-"""Of a datum of no name on WGS84's own ellipsoid, which the realizations of WGS84 and its likes share with no other."""
-UNTOLD_ACCURACY_M = 5.0
-"""Of a shift whose parameters come without, as +towgs84: of three for a country, as most are, usual."""
+"""Semi-major axis of GRS 1980 and WGS84, which satellite datums use."""
+UNNAMED_DATUM_ACCURACY_M = 3.0
+"""Accuracy of an unnamed datum on the ellipsoid of WGS84, which only realizations of WGS84 and similar datums use."""
+UNSTATED_ACCURACY_M = 5.0
+"""Accuracy of a transformation that states none, as +towgs84: typical of three parameters for a country."""
 
 Floats = NDArray[np.float64]
 
@@ -37,13 +37,13 @@ Floats = NDArray[np.float64]
 class DatumShift:
     """How the coordinates of a CRS become longitudes and latitudes on WGS84.
 
-    ``pipeline`` is PROJ's, x and longitude first; None leaves the choice to PROJ, who may take one datum for the other.
+    ``pipeline`` is PROJ's, x and longitude first; None leaves the choice to PROJ, which may be a ballpark operation.
     """
 
     name: str = BALLPARK
     pipeline: str | None = None
     accuracy_m: float = 0.0
-    """One standard deviation on the ground; 0 where the CRS stands on WGS84 itself, or nobody says."""
+    """Standard deviation on the ground; 0 for WGS84 itself, or if not stated."""
     known: bool = True
     better: str | None = None
     """A better operation whose grid is not installed, in words."""
@@ -72,7 +72,7 @@ def pipeline(definition: str) -> Transformer:
 
 
 def is_of_the_earth(crs: CRS) -> bool:
-    """Whether the CRS's ellipsoid has the Earth's size: others belong to the Moon, to Mars, ..."""
+    """Whether the ellipsoid of the CRS has the size of the Earth, not of the Moon or of Mars."""
     ellipsoid = geographic_crs(crs).ellipsoid
     return (
         ellipsoid is None or EARTH_RADII_M[0] <= float(ellipsoid.semi_major_metre or 0.0) <= EARTH_RADII_M[1]
@@ -80,7 +80,7 @@ def is_of_the_earth(crs: CRS) -> bool:
 
 
 def datum_shift(crs: CRS, x: ArrayLike, y: ArrayLike) -> DatumShift:
-    """The best operation from ``crs`` to WGS84 around points in ``crs``, ballpark ones apart."""
+    """The best operation from ``crs`` to WGS84 around points in ``crs``, ballpark operations excluded."""
     if crs.equals(WGS84, ignore_axis_order=True):
         return DatumShift("none, it is WGS84 itself")
     area = _area(*transform_xy(crs, WGS84, x, y))  # near enough on any datum
@@ -95,23 +95,23 @@ def datum_shift(crs: CRS, x: ArrayLike, y: ArrayLike) -> DatumShift:
     # PROJ puts first what serves the area best
     absent = next(iter(missing), None)
     if best is None and not is_named(crs) and _has_wgs84_ellipsoid(crs):
-        return DatumShift("its ellipsoid alone, which is WGS84's", None, UNTOLD_ELLIPSOID_M)
+        return DatumShift("its ellipsoid alone, which is WGS84's", None, UNNAMED_DATUM_ACCURACY_M)
     if best is None or _is_ballpark(best.description) or _is_ballpark(best.definition):
-        needs = f"; {_needs(absent.name, absent.grids)}" if absent is not None else ""
+        needs = f"; {_missing_grid(absent.name, absent.grids)}" if absent is not None else ""
         return DatumShift(known=False, better=needs.removeprefix("; ") or None)
     better = None
     if absent is not None and _accuracy(absent.accuracy) < _accuracy(best.accuracy):
-        better = _needs("a better one", absent.grids)
+        better = _missing_grid("a better one", absent.grids)
     projection = f"Inverse of {crs.coordinate_operation.name}" if crs.coordinate_operation is not None else ""
     parts = [part for part in best.description.split(" + ") if "axis order change" not in part]
     name = " + ".join(part for part in parts if part != projection) or "none, it stands on WGS84"
     moves = "helmert" in best.definition or "grid" in best.definition or "molodensky" in best.definition
-    accuracy_m = best.accuracy if best.accuracy >= 0.0 else UNTOLD_ACCURACY_M if moves else 0.0
+    accuracy_m = best.accuracy if best.accuracy >= 0.0 else UNSTATED_ACCURACY_M if moves else 0.0
     return DatumShift(name, best.definition, accuracy_m, True, better)
 
 
 def unknown_datum_note(crs: CRS, shift: DatumShift) -> str:
-    """What whoever reads latitudes and longitudes must know where the datum is not."""
+    """The note for users that the datum is unknown."""
     datum = geographic_crs(crs).datum
     name = datum.name if datum is not None else crs.name
     needs = f" ({shift.better})" if shift.better else ""
@@ -125,7 +125,7 @@ def unknown_datum_note(crs: CRS, shift: DatumShift) -> str:
 
 
 def is_named(crs: CRS) -> bool:
-    """Whether a CRS says what its datum is, and not only what its ellipsoid."""
+    """Whether a CRS names its datum, not only an ellipsoid."""
     datum = geographic_crs(crs).datum
     return datum is not None and not datum.name.lower().startswith(
         ("unknown", "not specified", "unspecified", "unnamed")
@@ -143,7 +143,7 @@ def _has_wgs84_ellipsoid(crs: CRS) -> bool:
 
 
 def _area(lon_deg: Floats, lat_deg: Floats) -> AreaOfInterest | None:
-    """Around points that have coordinates; None where that would be the whole Earth."""
+    """Bounding area of the finite points; None without any."""
     there = np.isfinite(lon_deg) & np.isfinite(lat_deg)
     if not there.any():
         return None
@@ -164,6 +164,6 @@ def _is_ballpark(text: str) -> bool:
     return BALLPARK in text.lower()
 
 
-def _needs(operation: str, grids: object) -> str:
+def _missing_grid(operation: str, grids: object) -> str:
     names = ", ".join(grid.short_name for grid in grids)  # type: ignore[attr-defined]
     return f"{operation.split(' + ')[-1]} needs the grid {names}, which is not installed"

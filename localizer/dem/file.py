@@ -15,7 +15,7 @@ from localizer.dem.crs import WGS84, is_projected, transform_xy
 from localizer.dem.datum import is_named, is_of_the_earth
 from localizer.dem.heights import Heights, heights_of
 from localizer.dem.open import DemError, opened
-from localizer.dem.units import UNSAID, VERTICAL_UNITS, unit_named
+from localizer.dem.units import UNSTATED, VERTICAL_UNITS, unit_named
 from localizer.dem.values import HIGHEST_M, LOWEST_M, band_of, elevations_m, scale_of
 
 if TYPE_CHECKING:
@@ -39,15 +39,15 @@ class DemFile:
     vertical_unit: str
     """A key of ``VERTICAL_UNITS``."""
     vertical_unit_from: str
-    """Who said so: "option", "band", "CRS" or "assumed"."""
+    """Source of the unit: "option", "band", "CRS" or "assumed"."""
     voids: int
     band: int = 1
     scale: float = 1.0
     """Stored numbers times this are in the vertical unit."""
     vertical_datum: str | None = None
-    """What the elevations count from, as the file's CRS says it; None where it does not."""
+    """Vertical datum by the file's CRS; None if not stated."""
     overruled: tuple[str, ...] = ()
-    """What the file says and an option says otherwise, in words."""
+    """Notes on metadata of the file that an option overrides."""
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,7 @@ def _check_layout(dataset: "DatasetReader", path: Path) -> None:
 
 
 def _own_crs(dataset: "DatasetReader", taken: CRS) -> CRS:
-    """The file's own, which --crs need not repeat to keep the heights' datum."""
+    """The file's own CRS for the vertical datum, if --crs names a horizontal one only."""
     if len(taken.axis_info) > 2 or not dataset.crs:
         return taken
     try:
@@ -174,7 +174,7 @@ def _overruled(
     band: int,
     scale: float | None,
 ) -> tuple[str, ...]:
-    """A mistaken option moves a fix by kilometres: what the file says otherwise must not go unsaid."""
+    """Notes on overridden metadata: a mistaken option would move a fix by kilometres."""
     notes = []
     if crs is not None and dataset.crs:
         own = _named(CRS.from_wkt(dataset.crs.to_wkt()), dataset)
@@ -194,10 +194,10 @@ def _overruled(
 
 
 def _named(crs: CRS, dataset: "DatasetReader") -> CRS:
-    """The CRS as EPSG lists it where that is the same one; USGS DEMs, for one, do not name theirs."""
+    """The CRS by its EPSG code if it is the same one; the CRS of USGS DEMs, for example, has no name."""
     code = crs.to_epsg()
     if code is None or len(crs.axis_info) != 2 or not is_named(crs):
-        return crs  # an ellipsoid alone fits the CRS of several datums
+        return crs  # an unnamed datum could be several listed ones
     listed = CRS.from_epsg(code)
     corners = dataset.bounds
     x, y = [corners.left, corners.right], [corners.bottom, corners.top]
@@ -213,7 +213,7 @@ def _vertical_unit(
             raise DemError(f"--vertical-unit: {option} is not one of {', '.join(VERTICAL_UNITS)}")
         return option, "option"
     band_unit = dataset.units[band - 1]
-    if band_unit is not None and band_unit.strip().lower() not in UNSAID:
+    if band_unit is not None and band_unit.strip().lower() not in UNSTATED:
         named = unit_named(band_unit)
         if named is not None:
             return named, "band"
@@ -242,5 +242,5 @@ def _north_up(z_m: NDArray[np.float64], transform: Affine) -> tuple[NDArray[np.f
         z_m, transform = z_m[::-1], transform @ Affine(1, 0, 0, 0, -1, rows)
     if transform.a < 0.0:
         z_m, transform = z_m[:, ::-1], transform @ Affine(-1, 0, cols, 0, 1, 0)
-    # what the check above took for rounding
+    # rotation terms within the rounding tolerance are dropped
     return z_m, Affine(transform.a, 0.0, transform.c, 0.0, transform.e, transform.f)

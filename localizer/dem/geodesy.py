@@ -18,8 +18,8 @@ from localizer.dem.crs import (
     own_lonlat_deg,
     own_xy,
     transform_xy,
-    turn_in_x,
     wrapped_deg,
+    x_period,
 )
 from localizer.dem.ground import MapMetres, convergence_deg, map_metres, to_map_metres
 from localizer.dem.lattice import Dem
@@ -29,7 +29,7 @@ Floats = NDArray[np.float64]
 LINEAR_M = 100.0
 """Geodesics of this length give the linear coefficients: curvature adds 1e-10 of it, rounding 1e-11."""
 QUADRATIC_M = 20_000.0
-"""And of this length the quadratic ones: as far as most horizons lie."""
+"""Geodesics of this length give the quadratic coefficients: about the distance of most horizons."""
 NODE_SPACING_M = 15_000.0
 """Largest distance between nodes: closer, the coefficients are linear in between to better than 1e-6."""
 MIN_NODES, MAX_NODES = 3, 65
@@ -43,7 +43,7 @@ def rowcol_to_xy(dem: Dem, row: ArrayLike, col: ArrayLike) -> tuple[Floats, Floa
 def xy_to_rowcol(dem: Dem, x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
     """Row, col of coordinates in the DEM's own CRS. Longitudes, and x of a map on a cylinder, may be off by whole turns."""
     x, y = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
-    turn = turn_in_x(dem.crs)
+    turn = x_period(dem.crs)
     if turn is not None:
         centre_x = dem.transform.c + dem.transform.a * dem.cols / 2
         x = x + turn * np.round((centre_x - x) / turn)
@@ -179,7 +179,7 @@ def bounds_deg(
     row, col = np.meshgrid(np.asarray(rows, np.float64), np.asarray(cols, np.float64))
     lon_deg, lat_deg = rowcol_to_lonlat(dem, row, col)
     centre_lon_deg, _ = rowcol_to_lonlat(dem, float(np.mean(rows)), float(np.mean(cols)))
-    # as they run on from the centre, so that what lies across the date line stays in one piece
+    # relative to the centre, so that an area across the date line is not split
     from_centre = wrapped_deg(lon_deg - centre_lon_deg)
     west, east = wrapped_deg(centre_lon_deg + np.array([from_centre.min(), from_centre.max()]))
     return float(lat_deg.min()), float(west), float(lat_deg.max()), float(east)
@@ -188,14 +188,14 @@ def bounds_deg(
 def enu_to_metric_jacobian(dem: Dem, row: ArrayLike, col: ArrayLike) -> Floats:
     """(..., 2, 2): from metres to true east and north to easting and northing in ``dem.metric_crs``.
 
-    A covariance C of (east, north) becomes J C J^T in the map's own metres. Holds the meridian convergence and the map scale;
-    see ``localizer.dem.ground`` for what of it is to be told.
+    A covariance C of (east, north) becomes J C J^T in map units. J contains the meridian convergence and the map scale;
+    ``localizer.dem.ground`` separates them.
     """
     return to_map_metres(dem.metric_crs, *rowcol_to_metric(dem, row, col))
 
 
 def map_metres_at(dem: Dem, row: float, col: float) -> MapMetres:
-    """How the ground lies in ``dem.metric_crs`` at a place."""
+    """Scale and convergence of ``dem.metric_crs`` at a place."""
     easting_m, northing_m = rowcol_to_metric(dem, row, col)
     return map_metres(dem.metric_crs, float(easting_m), float(northing_m))
 
@@ -210,15 +210,15 @@ def meridian_convergence_deg(dem: Dem, row: ArrayLike, col: ArrayLike) -> Floats
 
 
 @dataclass(frozen=True, eq=False)
-class LatticeFrames:
-    """How geodesics run through the lattice, to second order in their length, anywhere on a DEM.
+class GeodesicExpansion:
+    """Second-order expansion of geodesics in lattice coordinates, anywhere on a DEM.
 
     A geodesic that leaves (row, col) in true azimuth A reaches after s metres, with e = s sin A, n = s cos A,
 
         row + r_e e + r_n n + r_ee e^2 + r_en e n + r_nn n^2
 
-    and likewise the column. Convergence and scale of a map projection, and the meridians of a geographic grid
-    that draw together, are all in the coefficients.
+    and likewise the column. The coefficients contain the convergence and scale of a map projection, and the convergence of
+    the meridians in a geographic grid.
     """
 
     node_rows: Floats
@@ -245,19 +245,19 @@ class LatticeFrames:
         return np.reshape(out, (-1, 2, 5))
 
 
-def after(
-    frame: Floats, row: float, col: float, east_m: ArrayLike, north_m: ArrayLike
+def geodesic_end(
+    coefficients: Floats, row: float, col: float, east_m: ArrayLike, north_m: ArrayLike
 ) -> tuple[Floats, Floats]:
-    """Row and col, elementwise, where geodesics of (row, col) end, given their lengths' parts to true east and north.
+    """Row and col, elementwise, where geodesics from (row, col) end, given their components to true east and north.
 
-    ``frame``: (2, 5), the coefficients there, or a few cells away.
+    ``coefficients``: (2, 5), the coefficients there, or a few cells away.
     """
     e, n = np.asarray(east_m, np.float64), np.asarray(north_m, np.float64)
-    steps = np.tensordot(frame, np.array([e, n, e * e, e * n, n * n]), axes=1)
+    steps = np.tensordot(coefficients, np.array([e, n, e * e, e * n, n * n]), axes=1)
     return row + steps[0], col + steps[1]
 
 
-def lattice_frames(dem: Dem) -> LatticeFrames:
+def geodesic_expansion(dem: Dem) -> GeodesicExpansion:
     """Fit the coefficients on a coarse grid of nodes over the DEM. Takes some milliseconds."""
     node_rows = np.linspace(0.0, dem.rows - 1, _node_count(dem.rows * dem.spacing_ns_m))
     node_cols = np.linspace(0.0, dem.cols - 1, _node_count(dem.cols * dem.spacing_ew_m))
@@ -269,13 +269,13 @@ def lattice_frames(dem: Dem) -> LatticeFrames:
     east, north = (short[..., a, :] - short[..., a + 1, :] for a in (0, 2))
     linear = np.stack([east, north], axis=-1) / (2.0 * LINEAR_M)
 
-    # even parts, free of all odd orders
+    # even parts, without odd orders
     diagonals = np.array([45.0, 225.0, 135.0, 315.0])
     far = _along_geodesic(dem, row, col, np.concatenate([axes, diagonals]), QUADRATIC_M)
     even = (far[..., 0::2, :] + far[..., 1::2, :]) / 2.0 - start[..., None, :]
     ee, nn, north_east, south_east = np.moveaxis(even, -2, 0) / QUADRATIC_M**2
     quadratic = np.stack([ee, north_east - south_east, nn], axis=-1)
-    return LatticeFrames(node_rows, node_cols, np.concatenate([linear, quadratic], axis=-1))
+    return GeodesicExpansion(node_rows, node_cols, np.concatenate([linear, quadratic], axis=-1))
 
 
 def _node_count(extent_m: float) -> int:
@@ -290,7 +290,7 @@ def _between(nodes: Floats, position: Floats) -> tuple[NDArray[np.int64], Floats
 
 
 def _along_geodesic(dem: Dem, row: Floats, col: Floats, azimuth_deg: Floats, distance_m: float) -> Floats:
-    """Where geodesics of one length lead, (..., azimuths, 2): row, col.
+    """End points of geodesics of one length, (..., azimuths, 2): row, col.
 
     They run on the ellipsoid of the DEM's own datum, on which true north is defined here.
     """

@@ -1,9 +1,8 @@
-"""Metres of a map and metres of the ground: how far apart they are, and how a map is turned, at any place of it.
+"""Scale and convergence of a map projection at a place: map units against metres on the ground.
 
-A map's metre is a metre on the ground only where its scale is 1: in Web Mercator at 68 degrees north it is 0.38 m. What a
-person or a protocol reads is of the ground: sigmas, distances, covariances. Those of (easting, northing) have the map's axes,
-turned from true east and north by the convergence, and the ground's metres. Only what is drawn on a map goes back into its
-own metres.
+A map unit is a metre on the ground only where the scale is 1; in Web Mercator at 68 degrees north it is 0.38 m. Published
+sigmas, distances and covariances are in metres on the ground. Those of (easting, northing) have the axes of the map, which
+are rotated from true east and north by the convergence. Only drawings on a map use map units.
 """
 
 from dataclasses import dataclass
@@ -14,29 +13,29 @@ from numpy.typing import ArrayLike, NDArray
 from pyproj import CRS, Geod
 from pyproj.exceptions import CRSError
 
-from localizer.dem.crs import geographic_crs, own_lonlat_deg, own_xy, turn_in_x
+from localizer.dem.crs import geographic_crs, own_lonlat_deg, own_xy, x_period
 from localizer.errors import SkyfixError
 
 Floats = NDArray[np.float64]
 
 NEIGHBOUR_M = 100.0
-"""Geodesics of this length tell the scale: curvature adds 1e-10 of it, rounding 1e-11."""
+"""Geodesics of this length measure the scale: curvature adds 1e-10 of it, rounding 1e-11."""
 
 
 class MapError(SkyfixError):
-    """The name of a map that says nothing here: another version of PROJ may have known it."""
+    """An unknown name of a CRS; another version of PROJ may know it."""
 
 
 @dataclass(frozen=True, eq=False)
 class MapMetres:
-    """How the ground around one place lies in a map with eastings and northings in metres."""
+    """Scale and convergence at one place of a map with eastings and northings in metres."""
 
     to_map: Floats
     """(2, 2): from metres to true east and north to metres of easting and northing."""
 
     @property
     def convergence_deg(self) -> float:
-        """Of the map's north from true north, clockwise: grid_azimuth = true_azimuth - convergence."""
+        """Meridian convergence: azimuth of grid north, clockwise from true north; grid_azimuth = true_azimuth - convergence."""
         return float(convergence_deg(self.to_map))
 
     @property
@@ -52,7 +51,7 @@ class MapMetres:
 
     @property
     def scale(self) -> float:
-        """Metres of the map in a metre of the ground; the mean where they differ by direction."""
+        """Map units per metre on the ground; the geometric mean if it depends on the direction."""
         return float(np.sqrt(abs(np.linalg.det(self.to_map))))
 
     @property
@@ -75,9 +74,9 @@ class MapMetres:
 
 
 def map_metres(crs: CRS | str, easting_m: float, northing_m: float) -> MapMetres:
-    """The map's metres at one place. ``crs`` is projected, in metres, or the name of such a CRS.
+    """Scale and convergence at one place. ``crs``: projected, in metres, or the name of such a CRS.
 
-    ``MapError`` for a name that is none.
+    Raises ``MapError`` for an unknown name.
     """
     return MapMetres(to_map_metres(_crs(crs), easting_m, northing_m))
 
@@ -147,6 +146,6 @@ def _geod(crs: CRS) -> Geod:
 
 
 def _near(crs: CRS, x: Floats, near_x: Floats) -> Floats:
-    """The same places by whole turns as near to ``near_x`` as can be: a cylinder's map goes on beyond its seam."""
-    turn = turn_in_x(crs)
+    """x shifted by whole periods to be nearest to ``near_x``: a cylindrical map is periodic in x."""
+    turn = x_period(crs)
     return x if turn is None else np.asarray(x + turn * np.round((near_x - x) / turn))

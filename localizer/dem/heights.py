@@ -1,6 +1,7 @@
-"""What elevations count from: the sea's level, as an altimeter does, or the ellipsoid, as satellites do.
+"""Vertical datum of elevations: heights above sea level (orthometric) or above the ellipsoid.
 
-The two differ by the geoid's undulation N, up to 107 m: a height above sea level is the height above the ellipsoid less N.
+They differ by the geoid undulation N, up to 107 m: orthometric height = ellipsoidal height - N. An altimeter measures the
+former.
 """
 
 import warnings
@@ -15,13 +16,13 @@ from pyproj.transformer import TransformerGroup
 from localizer.dem.datum import pipeline
 
 GEOID_SIGMA_M = 35.0
-"""Of the undulation over the Earth's land, where nobody says what it is."""
+"""Standard deviation of the undulation over land, used if it is unknown."""
 GEOID_RANGE_M = (-120.0, 120.0)
-"""Of the undulation anywhere: -107 m south of India, +85 m in New Guinea."""
+"""Range of the undulation: -107 m south of India, +85 m in New Guinea."""
 SEA_LEVELS = (("EGM2008", 9518), ("EGM96", 9707))
 """WGS84 with heights above a geoid, as EPSG lists them, the better first."""
 NODES = 33
-"""A side, at which the undulation is asked for; it is smooth over tens of kilometres."""
+"""Grid points per side at which the undulation is computed; it is smooth over tens of kilometres."""
 ELLIPSOID = "ellips"
 
 Floats = NDArray[np.float64]
@@ -37,19 +38,19 @@ class Heights:
     downward: bool = False
     """Whether they are depths, as the file's CRS has it."""
     geoid_offset_m: float | None = None
-    """What was taken off for the geoid's height above the ellipsoid, as told; None where nothing was."""
+    """Geoid undulation that was subtracted, as given by the user; None if none was."""
     converted: str | None = None
-    """What the elevations were brought to by a grid of PROJ's, in words."""
+    """Vertical datum to which a geoid grid of PROJ converted the elevations; None without conversion."""
 
     @property
     def altitude_sigma_m(self) -> float:
-        """What an altitude above the sea is the more uncertain by, when it is compared with these elevations."""
+        """Additional uncertainty of an altitude above sea level when it is compared with these elevations."""
         unsaid = self.ellipsoidal and self.geoid_offset_m is None and self.converted is None
         return GEOID_SIGMA_M if unsaid else 0.0
 
 
 def heights_of(crs: CRS) -> Heights:
-    """What a raster's CRS says of its elevations."""
+    """Vertical datum by a raster's CRS."""
     whole = crs.source_crs if crs.is_bound and crs.source_crs is not None else crs
     vertical = next((part for part in whole.sub_crs_list if part.is_vertical), None)
     if vertical is None and whole.is_vertical:
@@ -66,10 +67,10 @@ def heights_of(crs: CRS) -> Heights:
 def to_sea_level(
     z_m: NDArray[np.float32], lon_deg: Floats, lat_deg: Floats, heights: Heights, geoid_offset_m: float | None
 ) -> tuple[NDArray[np.float32], Heights]:
-    """Elevations (rows, cols) above the sea, as far as that can be done, and what they count from now.
+    """Elevations (rows, cols) above sea level, as far as the undulation is known, and their vertical datum.
 
-    ``lon_deg``, ``lat_deg`` (n, m), WGS84, run evenly over the cells. ``geoid_offset_m`` is how far the geoid lies above the
-    ellipsoid there, negative below; with it nothing is asked of PROJ.
+    ``lon_deg``, ``lat_deg`` (n, m), WGS84, are a regular grid over the cells. ``geoid_offset_m``: undulation given by the
+    user; PROJ's grids are then not used.
     """
     if geoid_offset_m is not None:
         return z_m - np.float32(geoid_offset_m), replace(heights, geoid_offset_m=geoid_offset_m)
@@ -81,7 +82,7 @@ def to_sea_level(
             import cv2
 
             rows, cols = z_m.shape
-            # nodes lie on the outermost cells' centres: resized by positions, not by areas
+            # the outer grid points lie at the centres of the outermost cells
             row = np.linspace(0.0, undulation_m.shape[0] - 1.0, rows, dtype=np.float32)
             col = np.linspace(0.0, undulation_m.shape[1] - 1.0, cols, dtype=np.float32)
             for first in range(0, rows, 1024):
@@ -94,7 +95,7 @@ def to_sea_level(
 
 
 def _undulation_m(epsg: int, lon_deg: Floats, lat_deg: Floats) -> Floats | None:
-    """Of the geoid above WGS84's ellipsoid; None where PROJ has no grid for it."""
+    """Undulation of the geoid above the WGS84 ellipsoid; None if PROJ has no grid."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of grids that are missing
@@ -111,7 +112,7 @@ def _undulation_m(epsg: int, lon_deg: Floats, lat_deg: Floats) -> Floats | None:
 
 
 def heights_text(heights: Heights) -> str:
-    """For ``dem info``: what the elevations count from, and what was done about it."""
+    """For ``dem info``: the vertical datum and its conversion."""
     name = heights.name or "not stated; taken for heights above the sea"
     if heights.geoid_offset_m is not None:
         return f"{name}; {heights.geoid_offset_m:+.1f} m taken off (--geoid-offset)"
@@ -119,7 +120,7 @@ def heights_text(heights: Heights) -> str:
 
 
 def heights_note(heights: Heights) -> str | None:
-    """What whoever searches should know of them."""
+    """A note for users on the vertical datum; None if there is nothing to note."""
     if heights.geoid_offset_m and heights.name and not heights.ellipsoidal:
         return (
             f"the file says that its elevations are {heights.name}, which counts from the sea; --geoid-offset moves them by "

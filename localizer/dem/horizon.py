@@ -15,33 +15,34 @@ import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from localizer.dem.geodesy import LatticeFrames, after, lattice_frames
+from localizer.dem.geodesy import GeodesicExpansion, geodesic_end, geodesic_expansion
 from localizer.dem.lattice import Dem
 from localizer.jit import kernel
 
 EARTH_RADIUS_M = 6371008.8
 REFRACTION = 0.13
 VOID_M = -20000.0
-"""A void holds no terrain: deep enough to be seen from nowhere."""
+"""Elevation that stands for a void: so low that it is never on a horizon."""
 
 BLOCKS = (4, 16, 64, 256)
-"""Cells a side of the blocks whose maxima tell a ray that it can leap over them."""
+"""Sizes, in cells, of the blocks of the maximum pyramid, by which a ray skips blocks below its line of sight."""
 
 GUESS_MARGIN_M = 0.01
-"""More than two ways to compute a height on one ray differ by: a ray that bends is straight between two grid lines."""
+"""Margin on a guessed horizon, larger than the numerical difference between two computations of a height on a ray."""
 
 LARGEST_ROUGHNESS = 5.0
+"""Larger roughness counts as this."""
 NEAR_CELLS = 2.0
-"""What rises above all else nearer than this no DEM can tell. It can only hide what is farther, never lower it."""
-RIM_CELLS = 3
-"""Terrain so close to where the DEM ends, or to a void in it, is no skyline to rely on: what lies beyond may be higher, and
-cells at a rim are often made up."""
-SMALLEST_ERROR_M = 0.1
-"""No DEM of a real place is better."""
+"""A DEM does not resolve terrain nearer than this. Such terrain can occlude the horizon behind it, never lower it."""
+DEM_EDGE_CELLS = 3
+"""Cells within this distance of the end of the DEM, or of a void, are its edge. A horizon there is unreliable: terrain beyond
+may be higher, and cells at the edge are often interpolated."""
+LEAST_DECLARED_ERROR_M = 0.1
+"""Least error assumed of a DEM of a real place, whatever is declared."""
 EXACT_ERROR_M = 0.02
-"""Of a DEM that is the terrain itself: that of its numbers and of what lies between them."""
-LARGEST_ERROR = 4.0
-"""A DEM's error is at most so many times what is usual for one of its kind."""
+"""Error of an exact DEM: rounding of its values and interpolation."""
+LARGEST_ERROR_FACTOR = 4.0
+"""Largest plausible error of a DEM over its nominal error."""
 
 Floats = NDArray[np.float64]
 Heights = NDArray[np.float32]
@@ -49,75 +50,77 @@ Heights = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Terrain:
-    """A DEM made ready for rays.
+    """A DEM with what ray casting needs, computed once.
 
     ``height_m`` (rows, cols) has voids filled with VOID_M; ``cell_ceiling_m`` is the highest corner of each cell.
     ``row_blocks`` has, for each size in BLOCKS one after the other, a flattened matrix: at (i, j) the highest cell that a ray
     can meet while its row runs through block i, having entered it in the columns of block j, the neighbours of j included.
-    ``col_blocks`` likewise, rows and columns exchanged.
-    ``half_cell_relief_m`` (rows, cols) is by how much the ground may differ half a cell away.
-    ``rim`` (rows, cols) is whether a cell lies within RIM_CELLS of where the DEM ends or has a void.
-    ``drop_per_m2`` is (1 - k) / (2 R). ``roughness`` (rows, cols) is how much the surface bends from cell to cell (second
-    differences), in terms of its mean over the DEM, ``mean_bend_m``: what a DEM says between and at its cells is the less
-    certain, the more the terrain bends there.
+    ``col_blocks`` likewise, rows and columns exchanged. ``geodesics``: how geodesics run through the lattice.
+    ``half_cell_relief_m`` (rows, cols): height difference over half a cell. ``dem_edge`` (rows, cols): whether a cell lies
+    within DEM_EDGE_CELLS of the end of the DEM or of a void. ``drop_per_m2``: (1 - k) / (2 R). ``roughness`` (rows, cols):
+    root mean square second difference around a cell over its mean in the DEM, ``mean_second_difference_m``. The error of a
+    DEM grows with it.
     """
 
     dem: Dem
-    frames: LatticeFrames
+    geodesics: GeodesicExpansion
     height_m: Heights
     cell_ceiling_m: Heights
     half_cell_relief_m: Heights
-    rim: NDArray[np.bool_]
+    dem_edge: NDArray[np.bool_]
     row_blocks: Heights
     col_blocks: Heights
     highest_m: float
     drop_per_m2: float
     roughness: Heights
-    mean_bend_m: float
+    mean_second_difference_m: float
 
     @property
-    def usual_error_m(self) -> float:
-        """One standard deviation of the elevations of such a DEM, until the residuals tell.
+    def nominal_error_m(self) -> float:
+        """Standard deviation of the elevations before it is estimated from residuals.
 
-        What is said of it, else more in wide and in rough cells.
+        It is the declared error, else it grows with cell size and roughness.
         """
         if self.exact:
             return EXACT_ERROR_M
         if self.dem.error_m is not None:
-            return max(self.dem.error_m, SMALLEST_ERROR_M)
-        return self._error_of_its_kind_m
+            return max(self.dem.error_m, LEAST_DECLARED_ERROR_M)
+        return self._default_error_m
 
     @property
     def largest_error_m(self) -> float:
-        """More is not believed of any place. Whoever says too little of a DEM's error does not lose all places by that."""
-        told_m = LARGEST_ERROR * self.usual_error_m
-        return told_m if self.exact else max(told_m, self._error_of_its_kind_m)
+        """Largest plausible error at any place. A declared error that is too small does not reduce it below the default's."""
+        by_nominal_m = LARGEST_ERROR_FACTOR * self.nominal_error_m
+        return by_nominal_m if self.exact else max(by_nominal_m, self._default_error_m)
 
     @property
-    def _error_of_its_kind_m(self) -> float:
-        return max(3.0, 0.05 * self.cell_m, 0.5 * self.mean_bend_m)
+    def _default_error_m(self) -> float:
+        return max(3.0, 0.05 * self.cell_m, 0.5 * self.mean_second_difference_m)
 
     @property
     def exact(self) -> bool:
-        """Whether the surface is the terrain itself, between the cells and close by, too."""
+        """Whether the DEM is declared exact (``error_m`` 0).
+
+        Its surface is then the terrain, also between the cells and near the camera.
+        """
         return self.dem.error_m == 0.0
 
-    def doubted(self) -> "Terrain":
-        """The same as it is without anybody's word for its error."""
+    def with_error_model(self) -> "Terrain":
+        """The terrain with the default DEM error model, whatever error was declared."""
         return replace(self, dem=replace(self.dem, error_m=None))
 
     @property
     def near_m(self) -> float:
-        """Nearer than this, what rises above all else can only hide the horizon."""
+        """Terrain nearer than this is not resolved; it can only occlude the horizon. 0 for an exact DEM."""
         return 0.0 if self.exact else NEAR_CELLS * self.cell_m
 
     def roughness_at(self, row: Floats, col: Floats) -> Floats:
-        """Roughness (n,) of the cells nearest to lattice positions (n,), of those on the rim for what lies beyond it."""
+        """Roughness (n,) of the cells nearest to lattice positions (n,)."""
         return np.asarray(self.roughness[self._nearest(row, col)], np.float64)
 
-    def is_rim(self, row: Floats, col: Floats) -> NDArray[np.bool_]:
-        """Whether lattice positions (n,) lie on the DEM's rim, or beyond it."""
-        return np.asarray(self.rim[self._nearest(row, col)])
+    def is_dem_edge(self, row: Floats, col: Floats) -> NDArray[np.bool_]:
+        """Whether lattice positions (n,) lie on the DEM edge or beyond it."""
+        return np.asarray(self.dem_edge[self._nearest(row, col)])
 
     def above_neighbours_m(self, row: float, col: float) -> float:
         """By how much the cell nearest to a lattice position rises above the mean of its four neighbours; 0 if it does not."""
@@ -143,38 +146,38 @@ class Terrain:
 
 
 def prepare_terrain(dem: Dem, refraction: float = REFRACTION) -> Terrain:
-    """What rays need of a DEM, computed once."""
+    """Prepare a DEM for ray casting."""
     height = np.where(np.isfinite(dem.z_m), dem.z_m, VOID_M).astype(np.float32)
-    bend_m = _bend_m(dem.z_m)
-    mean_bend_m = float(bend_m.mean())
+    bend_m = _second_differences_m(dem.z_m)
+    mean_second_difference_m = float(bend_m.mean())
     return Terrain(
         dem=dem,
-        frames=lattice_frames(dem),
+        geodesics=geodesic_expansion(dem),
         height_m=np.ascontiguousarray(height),
         cell_ceiling_m=_cell_ceilings(height),
         half_cell_relief_m=half_cell_relief_m(height),
-        rim=_rim(dem.z_m),
+        dem_edge=_dem_edge(dem.z_m),
         row_blocks=_block_maxima(height),
         col_blocks=_block_maxima(np.ascontiguousarray(height.T)),
         highest_m=float(height.max()),
         drop_per_m2=(1.0 - refraction) / (2.0 * EARTH_RADIUS_M),
-        roughness=np.minimum(bend_m / max(mean_bend_m, 1e-3), LARGEST_ROUGHNESS),
-        mean_bend_m=mean_bend_m,
+        roughness=np.minimum(bend_m / max(mean_second_difference_m, 1e-3), LARGEST_ROUGHNESS),
+        mean_second_difference_m=mean_second_difference_m,
     )
 
 
-def at_rim(
+def at_dem_edge(
     terrain: Terrain, row: float, col: float, azimuth_rad: Floats, distance_m: Floats
 ) -> NDArray[np.bool_]:
-    """Whether the horizon (n,) that is seen so far from a place lies on the DEM's rim, or (NaN) beyond it."""
+    """Whether the horizon (n,), at these distances from a place, lies at the DEM edge or (NaN) beyond it."""
     reach_m = np.nan_to_num(distance_m)
-    frame = terrain.frames.at(row, col)[0]
-    there = after(frame, row, col, reach_m * np.sin(azimuth_rad), reach_m * np.cos(azimuth_rad))
-    return np.asarray(np.isnan(distance_m) | terrain.is_rim(*there))
+    coefficients = terrain.geodesics.at(row, col)[0]
+    there = geodesic_end(coefficients, row, col, reach_m * np.sin(azimuth_rad), reach_m * np.cos(azimuth_rad))
+    return np.asarray(np.isnan(distance_m) | terrain.is_dem_edge(*there))
 
 
 def half_cell_relief_m(height_m: Heights) -> Heights:
-    """By how much the ground may differ half a cell away: half the largest step to a neighbour, (rows, cols)."""
+    """Height difference over half a cell: half the largest difference from a neighbour, (rows, cols)."""
     ground = np.where(height_m > VOID_M, height_m, np.nan)
     steps = np.zeros_like(ground)
     for axis in (0, 1):
@@ -186,15 +189,17 @@ def half_cell_relief_m(height_m: Heights) -> Heights:
     return np.asarray(0.5 * steps, np.float32)
 
 
-def _rim(z_m: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """Cells within RIM_CELLS of a void or of what lies outside."""
-    void = np.pad(~np.isfinite(z_m), RIM_CELLS, constant_values=True).astype(np.uint8)
-    near = cv2.dilate(void, np.ones((2 * RIM_CELLS + 1,) * 2, np.uint8))
-    return np.ascontiguousarray(near[RIM_CELLS:-RIM_CELLS, RIM_CELLS:-RIM_CELLS].astype(bool))
+def _dem_edge(z_m: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Cells within DEM_EDGE_CELLS of a void or of the end of the DEM."""
+    void = np.pad(~np.isfinite(z_m), DEM_EDGE_CELLS, constant_values=True).astype(np.uint8)
+    near = cv2.dilate(void, np.ones((2 * DEM_EDGE_CELLS + 1,) * 2, np.uint8))
+    return np.ascontiguousarray(
+        near[DEM_EDGE_CELLS:-DEM_EDGE_CELLS, DEM_EDGE_CELLS:-DEM_EDGE_CELLS].astype(bool)
+    )
 
 
-def _bend_m(z_m: NDArray[np.float32]) -> Heights:
-    """Root mean square of the second differences around each cell; their mean over the DEM where they are not known."""
+def _second_differences_m(z_m: NDArray[np.float32]) -> Heights:
+    """Root mean square second difference around each cell; its mean over the DEM where a neighbour is void."""
     z = z_m.astype(np.float32)
     square = np.full(z.shape, np.nan, np.float32)
     down = z[:-2, 1:-1] - 2.0 * z[1:-1, 1:-1] + z[2:, 1:-1]
@@ -243,7 +248,7 @@ def horizon_tangents(
         terrain.col_blocks,
         terrain.highest_m,
         terrain.drop_per_m2,
-        terrain.frames.at(row, col),
+        terrain.geodesics.at(row, col),
         row,
         col,
         altitude_m,
@@ -270,9 +275,9 @@ def horizon_around(
 ) -> tuple[Floats, Floats]:
     """Tangents and distances (m,) of the horizon of one observer in the directions (m,).
 
-    ``guess_m``: distances (m,) at which the horizon is likely, say because it was there from nearby; NaN elsewhere.
-    They save time and change nothing else. ``beyond_m``: nothing nearer is looked at. On one thread: for the few rays of a
-    refinement, waking another costs more than it saves.
+    ``guess_m``: distances (m,) at which the horizon is likely, say because it was there from nearby; NaN elsewhere. They save
+    time and do not change the result. ``beyond_m``: nearer terrain is ignored. Runs on one thread: for the few rays of a fit,
+    more threads cost more than they save.
     """
     return _horizon_around(
         terrain.height_m,
@@ -281,7 +286,7 @@ def horizon_around(
         terrain.col_blocks,
         terrain.highest_m,
         terrain.drop_per_m2,
-        terrain.frames.at(np.array([row]), np.array([col]))[0],
+        terrain.geodesics.at(np.array([row]), np.array([col]))[0],
         row,
         col,
         altitude_m,
@@ -309,10 +314,10 @@ def _dilated_maxima(height: Heights, size: int) -> Heights:
 
 
 @kernel(inline=True)
-def _bulge(
+def _interior_maximum(
     z0: float, z1: float, twist: float, s0: float, ds: float, eye: float, drop: float
 ) -> tuple[float, float]:
-    """Largest tangent inside a stretch and the distance where it lies; -inf where one of the ends is higher.
+    """Largest tangent inside a segment and its distance; -inf if one of the ends is higher.
 
     The height at t in 0..1 is z0 + t (z1 - z0) + twist (t^2 - t), the distance s0 + t ds: the tangent's derivative vanishes
     at the root of a quadratic equation.
@@ -348,7 +353,7 @@ def ray_horizon(
     col_blocks: Heights,
     highest: float,
     drop: float,
-    frame: Floats,
+    coefficients: Floats,
     row: float,
     col: float,
     eye: float,
@@ -359,16 +364,24 @@ def ray_horizon(
     """Tangent and distance of the horizon along one ray; (-inf, NaN) where it meets no terrain.
 
     ``guess``: a distance at which the horizon may be, or NaN; it changes the time taken, not the answer. ``beyond``: terrain
-    nearer than this is passed over, up to the first grid line behind it.
+    nearer than this is ignored, up to the first grid line behind it.
 
     The ray is followed along the lattice axis on which it moves faster (``major``), from one grid line to the next. A block
-    of grid lines is leapt over, the largest first, when its highest cell stays below the horizon found so far.
+    of grid lines is skipped, the largest first, if its highest cell lies below the line of sight to the horizon found so far.
     """
     east, north = np.sin(azimuth), np.cos(azimuth)
-    row_1 = frame[0, 0] * east + frame[0, 1] * north
-    row_2 = frame[0, 2] * east * east + frame[0, 3] * east * north + frame[0, 4] * north * north
-    col_1 = frame[1, 0] * east + frame[1, 1] * north
-    col_2 = frame[1, 2] * east * east + frame[1, 3] * east * north + frame[1, 4] * north * north
+    row_1 = coefficients[0, 0] * east + coefficients[0, 1] * north
+    row_2 = (
+        coefficients[0, 2] * east * east
+        + coefficients[0, 3] * east * north
+        + coefficients[0, 4] * north * north
+    )
+    col_1 = coefficients[1, 0] * east + coefficients[1, 1] * north
+    col_2 = (
+        coefficients[1, 2] * east * east
+        + coefficients[1, 3] * east * north
+        + coefficients[1, 4] * north * north
+    )
     along_rows = abs(row_1) > abs(col_1)
     if along_rows:
         start, a1, a2, minor_start, b1, b2 = row, row_1, row_2, col, col_1, col_2
@@ -383,7 +396,7 @@ def ray_horizon(
     # The inverse series: distance as a function of the major coordinate.
     s1, s2 = 1.0 / a1, -a2 / (a1 * a1 * a1)
 
-    entered = 0 if step > 0 else 3  # the first line of a smallest block, modulo its size
+    first_of_block = 0 if step > 0 else 3  # the first line of a smallest block, modulo its size
     best, best_s = -np.inf, np.nan
     if guess > _first_line(start, a1, a2, s1, s2, step, beyond):
         x0, y0 = start + (a1 + a2 * guess) * guess, minor_start + (b1 + b2 * guess) * guess
@@ -437,8 +450,8 @@ def ray_horizon(
                 line += step
                 continue
 
-        leap = 0
-        if line & 3 == entered and best > -np.inf:
+        skip = 0
+        if line & 3 == first_of_block and best > -np.inf:
             # A block begins behind this line: its maximum covers the stretch that leads into it and the one out of it.
             first = 0
             for size in BLOCKS:
@@ -452,10 +465,10 @@ def ray_horizon(
                 lower = min(eye + (best + drop * d0) * d0, eye + (best + drop * d_far) * d_far)
                 if ceiling >= lower - 0.25 * drop * (d_far - d0) * (d_far - d0):
                     break
-                leap = size
+                skip = size
                 first += (last // size + 1) * wide
-        if leap > 0:
-            line += step * (leap - 1)
+        if skip > 0:
+            line += step * (skip - 1)
             offset = line - start
             d0 = (s1 + s2 * offset) * offset
             x0, y0 = float(line), minor_start + (b1 + b2 * d0) * d0
@@ -491,7 +504,7 @@ def ray_horizon(
                 twist = (z00 - z01 - z10 + z11) * (xb - xa) * (yb - ya)
                 # It cannot bulge above the higher of its ends by more than a quarter of its twist.
                 if twist < 0.0 and max(za, zb) - 0.25 * twist > eye + min(best * sa, best * sb):
-                    tangent, where = _bulge(za, zb, twist, sa, sb - sa, eye, drop)
+                    tangent, where = _interior_maximum(za, zb, twist, sa, sb - sa, eye, drop)
                     if tangent > best and where > beyond:
                         best, best_s = tangent, where
         if leaves:
@@ -509,7 +522,7 @@ def _horizons(
     col_blocks: Heights,
     highest: float,
     drop: float,
-    frames: Floats,
+    coefficients: Floats,
     row: Floats,
     col: Floats,
     eye: Floats,
@@ -527,7 +540,7 @@ def _horizons(
             col_blocks,
             highest,
             drop,
-            frames[i],
+            coefficients[i],
             row[i],
             col[i],
             eye[i],
@@ -546,7 +559,7 @@ def _horizon_around(
     col_blocks: Heights,
     highest: float,
     drop: float,
-    frame: Floats,
+    coefficients: Floats,
     row: float,
     col: float,
     eye: float,
@@ -564,7 +577,7 @@ def _horizon_around(
             col_blocks,
             highest,
             drop,
-            frame,
+            coefficients,
             row,
             col,
             eye,

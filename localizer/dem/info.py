@@ -14,10 +14,10 @@ from localizer.dem.geodesy import bounds_deg, meridian_convergence_deg, rowcol_t
 from localizer.dem.heights import heights_note, heights_text
 from localizer.dem.lattice import Dem
 
-DOUBTFUL_DATUM_M = 5.0
-"""Less goes unsaid beside a fix: it is what NAD83 and ETRS89 differ by from WGS84."""
+NOTED_DATUM_ACCURACY_M = 5.0
+"""Datum accuracies below this are not noted: NAD83 and ETRS89 differ from WGS84 by less."""
 FLAT_VOIDS_GAP_M = 100.0
-"""Zeros that lie so far below all other ground are no sea: a coast has every elevation in between."""
+"""Cells of 0 this far below all others are probably voids: a coast has all elevations in between."""
 
 
 @dataclass(frozen=True)
@@ -145,7 +145,7 @@ def dem_info(dem: Dem, date: datetime.date | None = None) -> DemInfo:
 
 
 def declination_deg(lat_deg: float, lon_deg: float, altitude_m: float, date: datetime.date) -> float | None:
-    """Magnetic north clockwise from true north by the World Magnetic Model; None where it has no life at ``date``."""
+    """Magnetic declination by the World Magnetic Model; None if the model does not cover ``date``."""
     year = date.year + (date.timetuple().tm_yday - 1) / (366 if date.year % 4 == 0 else 365)
     model = GeoMag()
     first, last = model.life_span
@@ -228,7 +228,7 @@ def dem_notes(dem: Dem) -> list[str]:
     notes = overruled + list(dem.joined_notes) + ([zeros_note(zeros)] if zeros else [])
     if not dem.shift.known:
         notes.append(unknown_datum_note(dem.crs, dem.shift))
-    elif dem.shift.accuracy_m >= DOUBTFUL_DATUM_M:
+    elif dem.shift.accuracy_m >= NOTED_DATUM_ACCURACY_M:
         better = f"; {dem.shift.better}" if dem.shift.better else ""
         notes.append(
             f"positions on WGS84 are good to {dem.shift.accuracy_m:g} m at best, by {dem.shift.name} from the DEM's "
@@ -239,7 +239,7 @@ def dem_notes(dem: Dem) -> list[str]:
 
 
 def zeros_note(count: int) -> str:
-    """What to do about suspicious zeros."""
+    """The note on suspicious zeros."""
     return f"{count} cells of 0 lie far below all others; if they are voids, say --nodata 0"
 
 

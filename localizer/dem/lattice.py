@@ -1,8 +1,7 @@
 """The digital elevation model that is searched: one lattice of elevations, read from one or more files.
 
-A geographic DEM keeps its own lattice; nothing is resampled but files that lie on another lattice than the finest beside
-them. Rows and columns count cell centres: the value
-at (row, col) lies at ``transform @ (col + 0.5, row + 0.5)`` be the file's pixels areas or points.
+A geographic DEM keeps its own lattice. Only files on another lattice than the finest one are resampled. Rows and columns refer
+to cell centres: the value at (row, col) lies at ``transform @ (col + 0.5, row + 0.5)``, whether pixels are areas or points.
 """
 
 from collections.abc import Sequence
@@ -82,12 +81,12 @@ class Dem:
 
     @property
     def metric_accuracy_m(self) -> float:
-        """Of eastings and northings in ``metric_crs``, by the operation between the datums; 0 where both have one datum."""
+        """Accuracy of eastings and northings in ``metric_crs`` by the datum transformation; 0 without one."""
         return 0.0 if self.metric_crs == self.crs else self.shift.accuracy_m
 
     @property
     def lonlat_accuracy_m(self) -> float:
-        """What WGS84 longitudes and latitudes are the more uncertain by than eastings and northings in ``metric_crs``."""
+        """Additional uncertainty of WGS84 longitudes and latitudes over eastings and northings in ``metric_crs``."""
         return self.shift.accuracy_m if self.metric_crs == self.crs else 0.0
 
     @property
@@ -104,7 +103,7 @@ class Dem:
         return tuple(file.path for file in self.files)
 
     def covers(self, row: float, col: float) -> bool:
-        """Whether a lattice position lies in one of its cells, be it a void."""
+        """Whether a lattice position lies in a cell of the DEM, void or not."""
         return -0.5 <= row <= self.rows - 0.5 and -0.5 <= col <= self.cols - 0.5
 
     def ground_m(self, row: ArrayLike, col: ArrayLike) -> NDArray[np.float64]:
@@ -125,7 +124,7 @@ class Dem:
         for dr, wr in ((0, 1.0 - fr), (1, fr)):
             for dc, wc in ((0, 1.0 - fc), (1, fc)):
                 weight = wr * wc
-                # a void beside a point that lies exactly on a grid line does not count
+                # on a grid line, the cells beside it have weight 0, also if they are void
                 ground_m += np.where(weight > 0.0, weight * self.z_m[r0 + dr, c0 + dc], 0.0)
         return np.where(inside, ground_m, np.nan)
 
@@ -194,14 +193,16 @@ def load_dem(
             f"--geoid-offset: {geoid_offset_m:g} m; the geoid lies between -107 and +86 m above the ellipsoid anywhere"
         )
     tiles = [read_tile(Path(path), vertical_unit, crs, nodata, band, scale) for path in paths]
-    whole = joined(tiles)
-    dem = dem_from_array(whole.z_m, whole.transform, whole.crs, tuple(tile.file for tile in tiles), error_m)
+    merged = joined(tiles)
+    dem = dem_from_array(
+        merged.z_m, merged.transform, merged.crs, tuple(tile.file for tile in tiles), error_m
+    )
     row, col = np.meshgrid(
         np.linspace(0, dem.rows - 1, NODES), np.linspace(0, dem.cols - 1, NODES), indexing="ij"
     )
     lon_deg, lat_deg = dem.to_lonlat_deg(*lattice_xy(dem.transform, row, col))
     z_m, heights = to_sea_level(dem.z_m, lon_deg, lat_deg, tiles[0].heights, geoid_offset_m)
-    return replace(dem, z_m=z_m, heights=heights, joined_notes=whole.notes)
+    return replace(dem, z_m=z_m, heights=heights, joined_notes=merged.notes)
 
 
 def dem_from_array(

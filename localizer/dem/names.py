@@ -1,4 +1,4 @@
-"""What may be named as an elevation file: a path, a packed file, or a name that only GDAL understands; nothing of a network.
+"""Names of elevation files: paths, compressed files, and GDAL's own names; network sources are refused.
 
 ``NETCDF:terrain.nc:dem``, ``/vsizip/terrain.zip/dem.tif``, ``zip://terrain.zip!dem.tif`` and ``N44W072.hgt.gz`` are taken. A
 ``Path`` has lost doubled slashes on the way here, which tell an absolute path within a ``/vsi`` name: they are put back.
@@ -10,7 +10,7 @@ from pathlib import Path, PurePath
 NETWORK_DRIVERS = frozenset(("WMS", "WMTS", "WCS", "HTTP", "OGCAPI", "STACIT", "STACTA", "EEDA")) | frozenset(
     ("EEDAI", "DAAS", "PLMOSAIC", "PLSCENES", "NGW", "RASDAMAN", "PostGISRaster")
 )
-"""Of GDAL, those that fetch from elsewhere."""
+"""Drivers of GDAL that access a network."""
 
 _ON_A_NETWORK = re.compile(
     r"/vsi(curl|s3|gs|az|adls|oss|swift|hdfs|webhdfs)(_streaming)?\b"
@@ -25,19 +25,19 @@ _DRIVER_PREFIX = re.compile(r"^[A-Za-z][A-Za-z0-9_]+:")
 
 
 def on_a_network(name: str) -> bool:
-    """Whether GDAL would ask a network for it."""
+    """Whether GDAL would access a network for it."""
     return _ON_A_NETWORK.search(name) is not None
 
 
 def is_gdal_name(name: str) -> bool:
-    """Whether this is no path but a name that GDAL takes apart."""
+    """Whether this is not a path but a name that GDAL parses."""
     if _VSI.match(name) or _SCHEME.match(name):
         return True
     return _DRIVER_PREFIX.match(name) is not None and not Path(name).exists()
 
 
 def name_for_gdal(path: PurePath | str) -> str:
-    """What GDAL opens for what a person named."""
+    """The name that GDAL opens for a user's path."""
     name = str(path)
     scheme = _SCHEME.match(name)
     if scheme:  # a Path keeps one slash of two, and two of three
@@ -64,7 +64,7 @@ def name_for_gdal(path: PurePath | str) -> str:
 
 
 def container(name: str) -> Path | None:
-    """The file on the disk that a name for GDAL leads through; None where there is none, or none that can be told."""
+    """The local file that a GDAL name refers to; None if there is none."""
     bare = re.sub(r"^(?:/vsi(?:zip|gzip|tar|7z|rar)/)+", "", name, flags=re.IGNORECASE)
     scheme = _SCHEME.match(bare)
     if scheme:
@@ -77,7 +77,7 @@ def container(name: str) -> Path | None:
 
 
 def beside(folder: Path, path: Path) -> Path:
-    """A relative name of a configuration, taken from its folder."""
+    """A relative name in a configuration, resolved against its folder."""
     name = str(path)
     if on_a_network(name) or not is_gdal_name(name):
         return path if on_a_network(name) else folder / path
@@ -98,7 +98,7 @@ def _parts(name: str) -> list[str]:
 
 
 def _absolute_again(name: str) -> str:
-    """``/vsizip/data/a.zip/x`` meant ``/vsizip//data/a.zip/x`` where that is what there is."""
+    """Restore the slash of an absolute path: ``/vsizip/data/a.zip/x`` becomes ``/vsizip//data/a.zip/x`` if only that exists."""
     prefix = re.match(r"^(?:/vsi[a-z0-9]+)+/?", name, re.IGNORECASE)
     if prefix is None or prefix.end() >= len(name):
         return name

@@ -1,4 +1,4 @@
-"""Opening an elevation file: found, on this machine, one raster, and as long as it says it is."""
+"""Opening of an elevation file, after checks: it exists, is local, is one raster, and is complete."""
 
 import gzip
 import re
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from rasterio import DatasetReader
 
 MOST_NAMED = 8
-"""Of what a file holds, so many are named to choose from."""
+"""Members of a file that an error message lists at most."""
 RAW_DRIVERS = {
     "ENVI": 0,
     "PCRaster": 256,
@@ -33,7 +33,7 @@ RAW_DRIVERS = {
     "ISCE": 0,
     "ROI_PAC": 0,
 }
-"""Drivers of plain arrays behind a header of at least so many bytes; some of them read zeros where the file ends too soon."""
+"""Drivers of uncompressed arrays, with the least size of their header in bytes; some read zeros beyond the end of a file."""
 PIECE = 1 << 20
 ON_A_NETWORK = "lies on a network, and nothing is downloaded; fetch the file and name that"
 NO_NETWORK = {
@@ -42,7 +42,7 @@ NO_NETWORK = {
     "CPL_VSIL_CURL_ALLOWED_EXTENSIONS": ".nothing-is-downloaded",
     "GDAL_DISABLE_READDIR_ON_OPEN": "FALSE",
 }
-"""For what a local file refers to: a VRT may name a source elsewhere."""
+"""GDAL options against network access: a local VRT may refer to a remote source."""
 
 
 class DemError(SkyfixError):
@@ -52,7 +52,7 @@ class DemError(SkyfixError):
 @contextmanager
 def opened(path: Path) -> Iterator["DatasetReader"]:
     """The one raster that ``path`` names. Raises ``DemError``, also for what goes wrong while it is read."""
-    # GDAL is only for who reads: it would take tens of megabytes of a daemon that leaves this to another process.
+    # imported here to save memory: a daemon that searches in another process does not need GDAL
     import rasterio
     from rasterio.errors import NotGeoreferencedWarning, RasterioError
 
@@ -62,7 +62,7 @@ def opened(path: Path) -> Iterator["DatasetReader"]:
         raise DemError(f"{str(path)[:200]}: {getattr(error, 'strerror', None) or error}") from None
     try:
         with warnings.catch_warnings(), rasterio.Env(GTIFF_REPORT_COMPD_CS=True, **NO_NETWORK):
-            warnings.simplefilter("ignore", NotGeoreferencedWarning)  # said more clearly where it matters
+            warnings.simplefilter("ignore", NotGeoreferencedWarning)  # reported by _check_layout
             with rasterio.open(name) as dataset:
                 if dataset.driver in NETWORK_DRIVERS:
                     raise DemError(f"{path}: {ON_A_NETWORK}")
@@ -94,7 +94,7 @@ def _checked_name(path: Path) -> str:
             raise DemError(f"{path}: no such file{meant_instead(path)}")
         if path.is_dir() and not (path / "hdr.adf").exists() and not _holds_a_raster(path):
             raise DemError(f"{path}: is a directory, not an elevation file")
-        if not path.is_file() and not path.is_dir():  # it would be waited for
+        if not path.is_file() and not path.is_dir():  # opening it would block
             raise DemError(f"{path}: is a pipe or a device, not an elevation file")
     name = name_for_gdal(path)
     file = container(name)
@@ -109,12 +109,12 @@ def _checked_name(path: Path) -> str:
 
 
 def _holds_a_raster(folder: Path) -> bool:
-    """Some rasters are folders: Zarr, Arc/Info grids, products of Sentinel."""
+    """Whether a folder is a raster: Zarr, Arc/Info grids, Sentinel products."""
     return any((folder / name).exists() for name in (".zarray", ".zgroup", ".zmetadata", "zarr.json"))
 
 
 def _check_packed(path: Path, file: Path) -> None:
-    """Packed files carry check sums; GDAL reads zeros behind the end of a broken one."""
+    """Verify checksums of compressed files: GDAL reads zeros beyond the end of a truncated one."""
     try:
         if zipfile.is_zipfile(file):
             with zipfile.ZipFile(file) as archive:
@@ -141,7 +141,7 @@ def _members_of_tar(file: Path) -> list[str]:
 
 
 def _only_member(path: Path, members: list[str], name: str) -> str:
-    """An archive of one raster may go by its own name."""
+    """The name of the only raster in an archive."""
     rasters = [m for m in members if m.lower().endswith(_SUFFIXES)] or members
     if len(rasters) != 1:
         raise DemError(
@@ -171,7 +171,7 @@ _SUFFIXES = (
 
 
 def _check_complete(dataset: "DatasetReader", path: Path) -> None:
-    """Refuses a file that is shorter than its header says: the rest would be read as zeros."""
+    """Raise ``DemError`` for a file shorter than its header says: the rest would be read as zeros."""
     if dataset.count == 0:
         return
     if dataset.driver == "XYZ":
@@ -196,7 +196,7 @@ def _check_complete(dataset: "DatasetReader", path: Path) -> None:
 
 
 def _check_sources(dataset: "DatasetReader", path: Path) -> None:
-    """The files that a VRT is made of: rasters of their own, and plain arrays that only it describes."""
+    """Check the sources of a VRT: rasters, and raw arrays that only the VRT describes."""
     import rasterio
     from rasterio.errors import RasterioError
 
@@ -240,7 +240,7 @@ def _is_packed(dataset: "DatasetReader") -> bool:
 
 
 def _check_points(dataset: "DatasetReader", path: Path) -> None:
-    """A text file of points on a grid may leave cells out; one that ends within a line was cut, and its last number with it."""
+    """A text file of grid points may omit cells; one that ends within a line is truncated."""
     rows, cols = dataset.shape
     if not Path(dataset.name).is_file():
         return
@@ -258,7 +258,7 @@ def _listed(names: list[str]) -> str:
 
 
 def _reason(error: Exception, path: Path) -> str:
-    """GDAL's own words; why a read failed is said in the exception before."""
+    """GDAL's message; the cause of a failed read is in the preceding exception."""
     cause = error.__cause__
     text = str(cause) if cause is not None and "previous exception" in str(error) else str(error)
     return " ".join(text.split()) or f"GDAL does not say why of {path}"

@@ -22,8 +22,8 @@ _NAMES = {
 }
 
 
-UNSAID = ("", "unspecified", "unknown", "undefined", "none", "n/a", "unitless", "1")
-"""What files say who say nothing of their unit."""
+UNSTATED = ("", "unspecified", "unknown", "undefined", "none", "n/a", "unitless", "1")
+"""Unit names in files that stand for no unit."""
 
 
 def unit_named(name: str) -> str | None:

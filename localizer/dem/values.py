@@ -1,4 +1,4 @@
-"""What a band's numbers mean: which band, in which unit, at which scale, and which of them are voids."""
+"""Decoding of a raster band: band number, unit, scale and voids."""
 
 import math
 from pathlib import Path
@@ -13,11 +13,11 @@ if TYPE_CHECKING:
     from rasterio import DatasetReader
 
 LOWEST_M, HIGHEST_M = -500.0, 9000.0
-"""Elevations outside are voids: no land lies lower or higher, but undeclared nodata values do."""
+"""Elevations outside this range are voids: there is no such land, but undeclared nodata values lie there."""
 USUAL_VOIDS = (-999.0, -9999.0, -99999.0, -32767.0, -32768.0, 9999.0, 99999.0, 32767.0, 65535.0)
-"""Numbers that programs write into voids. A scale or a unit brings them back among the elevations of land."""
+"""Common nodata values. After scaling they could lie within the range of elevations."""
 VOID_GAP_M = 20.0
-"""Beyond the lowest or highest other cell: ground has every elevation in between."""
+"""A common nodata value is a void if it lies this far beyond all other cells: terrain has all elevations in between."""
 MOST_NAMED = 6
 
 Raw = NDArray[np.generic]
@@ -99,7 +99,7 @@ def elevations_m(
 
 
 def _drop_usual_voids(z: NDArray[np.float64], z_m: NDArray[np.float64]) -> None:
-    """Cells whose stored number is one that programs mean voids by, where it stands apart from all other ground."""
+    """Make cells with a common nodata value void, if it lies apart from all other elevations."""
     for void in USUAL_VOIDS:
         here = (z == void) & np.isfinite(z_m)
         if not here.any():

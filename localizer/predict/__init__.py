@@ -1,1 +1,1 @@
-"""The skyline that a camera would see from a place, for planning a trip and for checking an elevation model."""
+"""Prediction of the skyline from a place, for planning a trip and for checking an elevation model."""

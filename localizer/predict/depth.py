@@ -1,4 +1,4 @@
-"""How far away the terrain is in every direction of a view: a panorama of distances."""
+"""Depth panorama: distance and brightness of the terrain in every direction of a view."""
 
 from dataclasses import dataclass
 
@@ -10,11 +10,11 @@ from localizer.predict.views import Standpoint, View, along
 
 Floats = NDArray[np.float64]
 
-FIRST_CELLS = 0.1
+LEADING_CELLS = 0.1
 NEAR_SHARE, FAR_SHARE = 0.05, 0.004
-"""Samples along a ray lie closer than the larger share of their distance, but no closer than the smaller one ..."""
+"""Spacing of the samples along a ray, as shares of their distance: at most the first, near the second far away."""
 FINEST_CELLS, COARSEST_CELLS = 0.4, 4.0
-"""... or than the first of these, and never farther apart than the second."""
+"""Least and largest far spacing of the samples, in cells."""
 COLUMN_DEG = 0.1
 ROWS = 420
 
@@ -29,7 +29,7 @@ class Panorama:
     bottom_deg: float
     distance_m: Floats
     brightness: Floats
-    """Of a hillside under a light in the north-west, 0 to 1."""
+    """Hill shading with light from the north-west, 0 to 1."""
 
     def at(self, offset_deg: Floats, elevation_deg: Floats) -> tuple[Floats, Floats]:
         """Distance and brightness in directions, the nearest pixel's; those of the nearest border outside."""
@@ -59,7 +59,7 @@ def panorama(terrain: Terrain, place: Standpoint, seen: View, bottom_deg: float,
     out_m, brightness = np.full((2, ROWS, columns), np.nan)
     for j in range(columns):
         hit = np.searchsorted(highest_yet[j], np.tan(np.radians(elevation_deg)))
-        # what the samples missed between them belongs to the farthest that they saw
+        # terrain between the samples counts as the highest sample
         last = int(np.argmax(highest_yet[j]))
         below = elevation_deg <= skyline_deg[j]
         chosen = np.minimum(hit, last)[below]
@@ -72,7 +72,7 @@ def _samples_m(terrain: Terrain) -> Floats:
     """Distances from FIRST_CELLS to across the whole DEM."""
     dem, cell_m = terrain.dem, terrain.cell_m
     farthest_m = float(np.hypot(dem.rows * dem.spacing_ns_m, dem.cols * dem.spacing_ew_m))
-    out = [FIRST_CELLS * cell_m]
+    out = [LEADING_CELLS * cell_m]
     while out[-1] < farthest_m:
         here_m = out[-1]
         far_step_m = np.clip(FAR_SHARE * here_m, FINEST_CELLS * cell_m, COARSEST_CELLS * cell_m)

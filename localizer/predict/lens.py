@@ -1,4 +1,4 @@
-"""A camera pointed so that a skyline lies in the middle of its picture."""
+"""A camera oriented so that a skyline lies in the middle of its image."""
 
 import json
 from dataclasses import dataclass
@@ -18,9 +18,9 @@ from localizer.predict.views import View
 Floats = NDArray[np.float64]
 
 TILT_RANGE_DEG = (-30.0, 60.0)
-"""No head tilts farther, and no skyline asks for it."""
+"""Range of tilts of a pan-tilt head; no skyline needs more."""
 HEADROOM_DEG = 2.0
-"""The skyline may rise and fall by so much just beside what the middle row sees."""
+"""Margin above and below the skyline for the sides of the image."""
 
 
 @dataclass(frozen=True)
@@ -77,13 +77,13 @@ def width_deg(camera: Camera) -> float:
 
 
 def pointed_at(camera: Camera, seen: View) -> Pointed:
-    """Tilted so that the skyline's lowest and highest points lie equally far from the middle."""
+    """The tilt that centres the skyline's range of elevations."""
     middle_deg = 0.5 * sum(seen.range_deg)
     return Pointed(camera, seen.azimuth_deg, float(np.clip(middle_deg, *TILT_RANGE_DEG)))
 
 
 def whole_width_deg(pointed: Pointed, seen: View) -> float:
-    """How wide a view must be to reach both sides of the picture where the skyline runs: more, the steeper the tilt."""
+    """Width of a view that reaches both sides of the image at the skyline's elevations; it grows with the tilt."""
     camera = pointed.camera
     v_px = np.linspace(-0.5, camera.height_px - 0.5, 200)
     u_px = np.repeat([-0.5, camera.width_px - 0.5], len(v_px))
@@ -95,7 +95,7 @@ def whole_width_deg(pointed: Pointed, seen: View) -> float:
 
 
 def notes(pointed: Pointed, seen: View) -> list[str]:
-    """What the camera does not get of the skyline."""
+    """A note on the part of the skyline outside the image."""
     u_px, v_px = pointed.pixels(seen.azimuths_deg, seen.elevation_deg)
     across = (u_px > -0.5) & (u_px < pointed.camera.width_px - 0.5)
     missed = across & ~((v_px > -0.5) & (v_px < pointed.camera.height_px - 0.5))

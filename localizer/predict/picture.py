@@ -1,4 +1,4 @@
-"""The picture of predicted skylines: shaded ridges that fade with distance, and the skyline coloured by it."""
+"""Drawing of predicted skylines: shaded terrain that fades with distance, and the skyline coloured by distance."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,7 +23,7 @@ from localizer.predict.views import Standpoint, View
 Floats = NDArray[np.float64]
 
 LAND = LinearSegmentedColormap.from_list("land", ["#5a6b3c", "#7f8a5c", "#9aa58c", "#aebbc0", "#c3d0de"])
-"""From near to far, as haze has it."""
+"""From near to far, as in haze."""
 DISTANCE = LinearSegmentedColormap.from_list("distance", ["#c1121f", "#f07d00", "#7a3db8", "#1d3fbb"])
 SKY_TOP, SKY_BOTTOM = np.array([0.80, 0.89, 0.97]), np.array([0.96, 0.98, 1.0])
 RIDGE = 1.18
@@ -39,7 +39,7 @@ LABEL_SPACING = 0.06
 
 
 class Shading:
-    """How a distance is coloured, from the nearest to the farthest skyline of a picture."""
+    """Colour scale of distances, from the nearest to the farthest skyline of a picture."""
 
     def __init__(self, nearest_m: float, farthest_m: float) -> None:
         self.nearest_m, self.farthest_m = nearest_m, farthest_m

@@ -1,4 +1,4 @@
-"""Predicted skylines in words and as JSON."""
+"""Predicted skylines as text and as JSON."""
 
 from collections.abc import Sequence
 from typing import Any

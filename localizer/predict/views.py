@@ -1,4 +1,4 @@
-"""The skyline in one direction from one place, how far away it is, and where it cannot be relied upon."""
+"""The predicted skyline in one direction from a place: elevation, distance, and where it is unreliable."""
 
 from dataclasses import dataclass
 
@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
 from localizer.dem.at_place import rowcol_inside
-from localizer.dem.geodesy import after, rowcol_to_lonlat
-from localizer.dem.horizon import NEAR_CELLS, Terrain, at_rim, horizon
+from localizer.dem.geodesy import geodesic_end, rowcol_to_lonlat
+from localizer.dem.horizon import NEAR_CELLS, Terrain, at_dem_edge, horizon
 from localizer.dem.lattice import Dem
 from localizer.errors import SkyfixError
 
@@ -85,11 +85,11 @@ class View:
     distance_m: Floats
     """NaN there."""
     at_edge: Flags
-    """The skyline lies where the terrain ends (the DEM's edge or a void), or there is none at all: no search believes in it."""
+    """The skyline lies at the DEM edge or a void, or there is none: the search does not use it."""
     too_near: Flags
-    """Nearer than NEAR_CELLS cells, so made of less than the elevation model resolves."""
+    """Nearer than NEAR_CELLS cells, which the DEM does not resolve."""
     may_be_overtopped: Flags
-    """Land beyond the DEM's edge, no higher than the DEM's highest, would stand above the skyline."""
+    """Terrain beyond the DEM, no higher than the DEM's highest point, would be above the skyline."""
     summits: tuple[Summit, ...]
     """By azimuth."""
 
@@ -100,7 +100,7 @@ class View:
 
     @property
     def range_deg(self) -> tuple[float, float]:
-        """Lowest and highest elevation of the skyline where the terrain goes on behind it; 0 where it does nowhere."""
+        """Lowest and highest elevation of the skyline away from the DEM edge; 0 if all of it is at the edge."""
         chosen = self.elevation_deg[~self.at_edge]
         return (float(chosen.min()), float(chosen.max())) if chosen.size else (0.0, 0.0)
 
@@ -127,7 +127,7 @@ def view(terrain: Terrain, place: Standpoint, azimuth_deg: float, width_deg: flo
     hidden_up_to_m = (
         place.altitude_m + np.tan(np.radians(elevation_deg)) * end_m + terrain.drop_per_m2 * end_m**2
     )
-    at_edge = at_rim(terrain, place.row, place.col, np.radians(azimuths_deg), distance_m)
+    at_edge = at_dem_edge(terrain, place.row, place.col, np.radians(azimuths_deg), distance_m)
     return View(
         azimuth_deg=azimuth_deg,
         width_deg=width_deg,
@@ -144,14 +144,16 @@ def view(terrain: Terrain, place: Standpoint, azimuth_deg: float, width_deg: flo
 def along(
     terrain: Terrain, place: Standpoint, azimuth_deg: Floats, distance_m: Floats
 ) -> tuple[Floats, Floats]:
-    """Row and col, elementwise, after so many metres along geodesics in true azimuths from a place."""
-    frame = terrain.frames.at(place.row, place.col)[0]
+    """Row and col, elementwise, at distances along geodesics in true azimuths from a place."""
+    coefficients = terrain.geodesics.at(place.row, place.col)[0]
     azimuth = np.radians(azimuth_deg)
-    return after(frame, place.row, place.col, distance_m * np.sin(azimuth), distance_m * np.cos(azimuth))
+    return geodesic_end(
+        coefficients, place.row, place.col, distance_m * np.sin(azimuth), distance_m * np.cos(azimuth)
+    )
 
 
 def _end_of_terrain_m(terrain: Terrain, place: Standpoint, azimuth_deg: Floats) -> Floats:
-    """How far each ray runs before it leaves the lattice, to a fraction of a per cent of the DEM's size."""
+    """Distance at which each ray leaves the lattice, to a fraction of a per cent of the DEM's size."""
     dem = terrain.dem
     step_m = np.hypot(dem.rows * dem.spacing_ns_m, dem.cols * dem.spacing_ew_m) / MARCH_STEPS
     distance_m = np.arange(MARCH_STEPS + 1) * step_m
@@ -196,7 +198,7 @@ def _summits(
 
 
 def warnings(seen: View) -> list[str]:
-    """What not to rely upon, in sentences."""
+    """Warnings about unreliable parts, as sentences."""
     out = []
     if (share := float(seen.at_edge.mean())) > 0.0:
         out.append(

@@ -1,4 +1,4 @@
-"""The search's answer to an observation, and the same in the contract's terms."""
+"""The result of a search, and its translation into the contract's ``skyfix.fix/1``."""
 
 from dataclasses import dataclass
 
@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Located:
-    """The answer to an observation. ``best`` is None where no place fits."""
+    """The result for an observation. ``best``: the most probable place, None if no place is believed."""
 
     decision: Decision
     best: Refined | None
@@ -32,7 +32,7 @@ class Located:
 def fix_of(
     terrain: Terrain, observation: Observation, located: Located, bundle_id: str, timing_s: dict[str, float]
 ) -> Fix:
-    """The answer in the contract's terms."""
+    """The result as ``skyfix.fix/1``."""
     dem = terrain.dem
     decision, best, stage1 = located.decision, located.best, located.stage1
     after = {label: len(cells) for label, cells in stage1.survivors.items()}
@@ -96,7 +96,7 @@ def fix_of(
 
 
 def without_known_datum(fix: Fix, dem: Dem) -> Fix:
-    """No fix where nobody knows what the DEM's latitudes and longitudes are worth; its place stays, in the DEM's own grid."""
+    """Not ``fix`` but ``ambiguous`` if the DEM's datum is unknown: the place is right in the DEM's grid, not on WGS84."""
     if dem.shift.known or fix.status != "fix":
         return fix
     reason = Reason(code="unknown_datum", text=unknown_datum_note(dem.crs, dem.shift))
@@ -104,7 +104,7 @@ def without_known_datum(fix: Fix, dem: Dem) -> Fix:
 
 
 def metric_covariance(terrain: Terrain, refined: Refined) -> Floats:
-    """(2, 2) of easting and northing, metres of the ground; with the accuracy of the way there from the DEM's own datum."""
+    """(2, 2) of easting and northing, metres on the ground; includes the accuracy of the datum transformation."""
     here = map_metres_at(terrain.dem, refined.row, refined.col)
     datums_m2 = terrain.dem.metric_accuracy_m**2 * np.eye(2)
     return here.ground_covariance(refined.covariance_enu_m2) + datums_m2

@@ -1,4 +1,4 @@
-"""Places compared on the same terms: by the same columns, from the same starts, each under its own errors."""
+"""Comparison of places by Bayesian evidence: with the same columns, from the same starts, each under its own error model."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -8,67 +8,77 @@ from numpy.typing import NDArray
 
 from localizer.dem.horizon import Terrain
 from localizer.search.decide import log_mass
-from localizer.search.fit.local_optima import Problems, again, noise_for, problems_of, sees_rim
-from localizer.search.fit.outliers import telling_columns
+from localizer.search.fit.local_optima import Problems, has_edge_columns, problems_of, refit, rescaled_noise
+from localizer.search.fit.outliers import informative_columns
 from localizer.search.fit.problem import Problem
 from localizer.search.fit.refine import Refined
 from localizer.search.fit.residuals import evaluate, residual_sigma
 
 Floats = NDArray[np.float64]
 
-COMPARISONS = 2
-"""How often each rival is fitted from where the others were fitted."""
+COMPARISON_ROUNDS = 2
+"""How often each place is refitted from the offsets of the others. Tuned on the scenario ``twins``.
+@S:compare.COMPARISON_ROUNDS@"""
 DECIDED_NATS = 15.0
-"""A place that is ahead by this much needs no further comparison."""
-EXPLAINS_SIGMAS, GROSS_SIGMAS, GROSS_RAD, MOST_OF_IT = 3.0, 6.0, np.radians(1.0), 0.7
-"""A stretch is explained, or missed by far, by its median in standard deviations and by angle, if so much of it is terrain."""
-PARTS = 3
-"""Of a stretch of BLOCK_RAD: a summit is narrower."""
+"""A place that leads by this much needs no further comparison. Tuned on the scenario ``twins``. @S:compare.DECIDED_NATS@"""
+EXPLAINED_SIGMAS = 3.0
+"""A place explains a stretch of the horizon if the median residual is smaller."""
+GROSS_SIGMAS = 6.0
+"""A median residual larger than this and than GROSS_RAD is a gross error. Tuned on the scenario ``twins``.
+@S:compare.GROSS_SIGMAS@"""
+GROSS_RAD = np.radians(1.0)
+"""No error of a DEM is as large. Tuned on the scenario ``twins``. @S:compare.GROSS_RAD@"""
+LEAST_INFORMATIVE_SHARE = 0.7
+"""Only stretches with at least this share of informative columns are judged."""
+PARTS_PER_SECTOR = 3
+"""Stretches in a sector of SECTOR_RAD: a summit is narrower than a sector."""
 GROSS_NATS = 10.0
-"""What it costs to miss BLOCK_RAD by far that another place explains."""
+"""Penalty for a gross error over a whole sector that another place explains. Tuned on the scenario ``twins``.
+@S:compare.GROSS_NATS@"""
 
 
 @dataclass(frozen=True)
 class Compared:
-    """A place with the logarithm of its probability but for a constant."""
+    """A place with its unnormalised log-probability."""
 
     place: Refined
     log_mass: float
 
 
-def compared_alike(problems: Problems, places: Sequence[Refined], largest: float) -> list[Compared]:
-    """The places, the likeliest first, by fits of each with the same columns.
+def compare_on_same_columns(problems: Problems, places: Sequence[Refined], largest: float) -> list[Compared]:
+    """The places, the most probable first, by fits of each with the same columns.
 
-    Where the likelihood has several peaks close to each other, which of them a fit ends at is chance. So each place is also
-    fitted from where the others lie in their cells and under their errors, and its likeliest fit counts. Where the DEM ends,
-    the horizon is its last terrain or something behind it, whichever is likelier: no place pays for lying near the end.
+    If the likelihood has several optima close together, it is a matter of chance which of them a fit reaches. Each place is
+    therefore also fitted from the others' offsets within the cell and under their error models; its best fit counts.
+    Columns at the DEM edge are either left out or used, whichever is more likely, so that a place near the edge has no
+    disadvantage.
     """
     if len(places) == 1:
         return [Compared(places[0], 0.0)]
-    starts = [(place, noise_for(problems.middle.stride, place)) for place in places]
+    starts = [(place, rescaled_noise(problems.middle.stride, place)) for place in places]
 
     def mass(fit: Refined) -> float:
         return log_mass(fit, problems.full.terrain.cell_m)
 
     best = list(places)
-    by_columns = _with_and_without_rim(problems, places)
-    for _ in range(COMPARISONS):
+    column_sets = _with_and_without_edge_columns(problems, places)
+    for _ in range(COMPARISON_ROUNDS):
         masses = sorted(map(mass, best), reverse=True)
         if masses[0] - masses[1] > DECIDED_NATS:
             break
         best = [
             max(
                 (
-                    again(problem, moved_to(place, other, problem.terrain), largest, noise=noise)
+                    refit(problem, with_offset_of(place, other, problem.terrain), largest, noise=noise)
                     for other, noise in starts
-                    for problem in by_columns
+                    for problem in column_sets
                 ),
                 key=mass,
             )
             for place in places
         ]
-        starts = [(fit, noise_for(1.0, fit)) for fit in best]
-    gross = _gross_stretches(problems.middle, best)
+        starts = [(fit, rescaled_noise(1.0, fit)) for fit in best]
+    gross = _gross_errors(problems.middle, best)
     compared = [
         Compared(place, mass(fit) - GROSS_NATS * float(stretches))
         for place, fit, stretches in zip(places, best, gross, strict=True)
@@ -76,46 +86,52 @@ def compared_alike(problems: Problems, places: Sequence[Refined], largest: float
     return sorted(compared, key=lambda c: (-c.log_mass, c.place.row, c.place.col))
 
 
-def _gross_stretches(problem: Problem, fits: Sequence[Refined]) -> Floats:
-    """How many stretches of the horizon (k,) each place misses by far that another one explains, in stretches of BLOCK_RAD.
+def _gross_errors(problem: Problem, fits: Sequence[Refined]) -> Floats:
+    """Length of horizon, in sectors, (k,) with a gross error at each place that another place explains.
 
-    A stretch that shows a tree or a cloud is nobody's skyline. One that a place explains column by column is no accident, and
-    no error of the DEM is as large.
+    No place explains a tree or a cloud. A stretch that one place explains and another misses by more than any DEM error
+    is evidence that robust fitting alone would discard as an outlier.
     """
-    stretches = [part for block in problem.blocks for part in np.array_split(block, PARTS) if len(part)]
-    sigmas, off_rad = np.array([_middles(problem, stretches, fit) for fit in fits]).transpose(1, 0, 2)
+    stretches = [
+        part for block in problem.sectors for part in np.array_split(block, PARTS_PER_SECTOR) if len(part)
+    ]
+    sigmas, off_rad = np.array([_stretch_medians(problem, stretches, fit) for fit in fits]).transpose(1, 0, 2)
     with np.errstate(invalid="ignore"):
-        explained = (sigmas < EXPLAINS_SIGMAS).any(axis=0)
+        explained = (sigmas < EXPLAINED_SIGMAS).any(axis=0)
         missed = (sigmas > GROSS_SIGMAS) & (off_rad > GROSS_RAD)
-    share = np.array([len(part) for part in stretches]) / problem.block_columns
+    share = np.array([len(part) for part in stretches]) / problem.sector_columns
     return np.asarray((missed & explained) @ share)
 
 
-def _middles(problem: Problem, stretches: list[NDArray[np.int64]], fit: Refined) -> Floats:
-    """By how much the middle column of each stretch is off (2, n), in standard deviations and in radians.
+def _stretch_medians(problem: Problem, stretches: list[NDArray[np.int64]], fit: Refined) -> Floats:
+    """Absolute median residual of each stretch (2, n), in standard deviations and in radians.
 
-    NaN where few of its columns show terrain.
+    NaN for stretches with few informative columns.
     """
-    frame = problem.terrain.frames.at(fit.row, fit.col)[0]
-    here = evaluate(problem, fit.parameters(), (fit.row, fit.col), frame)
-    sigma = residual_sigma(problem, here, fit.dem_error_m)
-    telling = telling_columns(here, sigma)
-    off = np.abs([[np.median((here.residual / sigma)[s]), np.median(here.residual[s])] for s in stretches])
-    shown = np.array([telling[stretch].mean() > MOST_OF_IT for stretch in stretches])
-    return np.asarray(np.where(shown, off.T, np.nan))
+    coefficients = problem.terrain.geodesics.at(fit.row, fit.col)[0]
+    evaluation = evaluate(problem, fit.parameters(), (fit.row, fit.col), coefficients)
+    sigma = residual_sigma(problem, evaluation, fit.dem_error_m)
+    informative = informative_columns(evaluation, sigma)
+    off = np.abs(
+        [[np.median((evaluation.residual / sigma)[s]), np.median(evaluation.residual[s])] for s in stretches]
+    )
+    informative_stretch = np.array(
+        [informative[stretch].mean() > LEAST_INFORMATIVE_SHARE for stretch in stretches]
+    )
+    return np.asarray(np.where(informative_stretch, off.T, np.nan))
 
 
-def _with_and_without_rim(problems: Problems, places: Sequence[Refined]) -> tuple[Problem, ...]:
-    """The columns without those whose horizon lies where the DEM ends, and with them where any place has such columns."""
+def _with_and_without_edge_columns(problems: Problems, places: Sequence[Refined]) -> tuple[Problem, ...]:
+    """The problem without columns at the DEM edge, and, if any place has such columns, also with them."""
     full = problems.full
-    if not any(sees_rim(full, place) for place in places):
+    if not any(has_edge_columns(full, place) for place in places):
         return (problems.middle,)
-    believing = problems_of(full.terrain, full.observation, tuple(full.contours), believes_rim=True)
-    return (problems.middle, believing.middle)
+    with_edge = problems_of(full.terrain, full.observation, tuple(full.contours), uses_edge_columns=True)
+    return (problems.middle, with_edge.middle)
 
 
-def moved_to(place: Refined, other: Refined, terrain: Terrain) -> Refined:
-    """A place moved to where another one lies in its cell, as high above the ground."""
+def with_offset_of(place: Refined, other: Refined, terrain: Terrain) -> Refined:
+    """A place moved to the offset within its cell that another place has in its own, at the same height above the ground."""
     row = other.row + round(place.row - other.row)
     col = other.col + round(place.col - other.col)
     rise_m = float(terrain.dem.ground_m(row, col)) - float(terrain.dem.ground_m(other.row, other.col))

@@ -1,6 +1,6 @@
-"""The observed skyline as directions in the world, as the sensors alone give them.
+"""The observed horizon line contour (HLC, the paper's term) as directions in the world, by the measured attitude alone.
 
-``measured`` azimuths are what the compass says: the true ones plus the heading's bias, which only the search finds.
+A *measured* azimuth is the true one plus the unknown bias of the heading.
 """
 
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ class FrameContour:
 
 
 def frame_contour(frame: FrameObservation) -> FrameContour:
-    """Contour points through the intrinsics; a pixel's angular size is taken where the point lies."""
+    """The contour's points as rays; the angle that a pixel subtends is that at the point itself."""
     rays = pixel_rays(frame.camera, frame.u_px, frame.v_px)
     above = pixel_rays(frame.camera, frame.u_px, frame.v_px - 1.0)
     rad_per_px = np.linalg.norm(rays - above, axis=1)
@@ -44,9 +44,9 @@ def frame_contour(frame: FrameObservation) -> FrameContour:
 class MeasuredSkyline:
     """The skyline of all frames over the measured azimuth, in bins of STEP_DEG whose centres are whole multiples of it.
 
-    ``elevation_deg`` (BINS,): NaN where no frame looked. ``sigma_deg`` (BINS,): what its noise, the frames' own azimuth, tilt
-    and roll errors and the skyline's slope across them leave uncertain. ``slope`` (BINS,): degrees of elevation per degree of
-    azimuth. ``centres_deg``: measured azimuth of each frame's principal point, by label.
+    ``elevation_deg`` (BINS,): NaN where no frame has a contour. ``sigma_deg`` (BINS,): its standard deviation, from the
+    contour's noise, the tilt and roll errors, and the azimuth errors times the slope. ``slope`` (BINS,): degrees of elevation
+    per degree of azimuth. ``centres_deg``: measured azimuth of each frame's principal point, by label.
     """
 
     elevation_deg: Floats
@@ -56,7 +56,7 @@ class MeasuredSkyline:
 
 
 def measured_skyline(observation: Observation, contours: tuple[FrameContour, ...]) -> MeasuredSkyline:
-    """Merge the frames' contours into one function of the measured azimuth; medians in each bin tame stray columns."""
+    """Merge the frames' contours into one function of the measured azimuth; the median of each bin suppresses outliers."""
     bins: list[list[tuple[float, float]]] = [[] for _ in range(BINS)]
     attitude_sigma = np.zeros(BINS)
     azimuth_sigma = np.zeros(BINS)
@@ -83,7 +83,7 @@ def measured_skyline(observation: Observation, contours: tuple[FrameContour, ...
         if points:
             e, s = np.array(points).T
             elevation_deg[i] = np.median(e)
-            # A median of n points is pi/2 noisier in variance than their mean.
+            # The variance of the median of n Gaussian values is pi/2 times that of their mean.
             noise[i] = np.sqrt(np.pi / 2.0 if len(points) > 2 else 1.0) * np.mean(s) / np.sqrt(len(points))
     slope = _slope(elevation_deg)
     tilt_bias = observation.tilt_bias_sigma_deg

@@ -1,8 +1,12 @@
-"""From refined candidates to an answer: one place, several, or none.
+"""The decision: probabilities of the places by Laplace approximation, and the status that follows.
 
-The candidates share one model of the errors, so that their posteriors compare (Laplace: the height of each peak times its
-volume). Whether the best of them is good enough to be believed at all is a question of its own: the terrain must explain
-most columns within what the sensors, the image and a plausible DEM error allow.
+The posterior mass of a mode is its height times its volume. With log-odds L, the covariance C of the position, and the
+likelihood tempered by the exponent t,
+
+    log mass = t L + 0.5 ln det C,    P_i = mass_i / (sum of all masses + elsewhere).
+
+Whether the best place is believed at all is a separate question: the terrain must explain most columns within the errors
+that are plausible for sensors, image and DEM.
 """
 
 from collections.abc import Sequence
@@ -15,35 +19,44 @@ from localizer.fix import Reason, Status
 from localizer.search.fit.refine import Refined
 from localizer.search.reasons import (
     contradicted,
-    fits_nowhere,
     large_dem_error,
+    large_uncertainty,
+    no_match,
     several_places,
     weak_evidence,
-    wide_place,
 )
 
-CERTAIN = 0.99
-"""Posterior probability from which one place stands out."""
+FIX_PROBABILITY = 0.99
+"""Posterior probability from which the best place is a fix. Chosen, not tuned: it bounds
+the share of wrong fixes. @S:decide.FIX_PROBABILITY@"""
 LEAST_INLIERS = 0.6
-"""Share of the columns that a believable place explains within three sigma."""
+"""Least share of inlier columns (within 3 sigma) at a place that is believed. Tuned on simulated cases inside
+and outside the DEM. @S:decide.LEAST_INLIERS@"""
 LEAST_EVIDENCE = 15.0
-"""Logarithm of how much better than chance a place must explain the skyline: a whole DEM is a million chances."""
-SHARPNESS = 0.5
-"""Places are told apart by so much of their log-odds: the model of the errors is only about right."""
-PEAK_CELLS = 0.1
-"""No peak is narrower: between the cells the surface is a guess."""
-CERTAIN_EVIDENCE = 25.0
-"""And this much for the best place to be called the only one."""
+"""Least evidence (log Bayes factor) of a place that is believed. A DEM of a million cells has as many unrelated places,
+ln(1e6) = 13.8. Tuned on simulated cases inside and outside the DEM. @S:decide.LEAST_EVIDENCE@"""
+TEMPERING_EXPONENT = 0.5
+"""Exponent on the likelihood when places are compared (power posterior): the error model is only approximately right. Tuned on
+the scenario ``twins``, so that stated probabilities are right as often as they say. @S:decide.TEMPERING_EXPONENT@"""
+LEAST_MODE_SIGMA_CELLS = 0.1
+"""Least standard deviation of a mode when places are compared: between the cells the surface is an interpolation. Tuned on the
+scenario ``twins``. @S:decide.LEAST_MODE_SIGMA_CELLS@"""
+FIX_EVIDENCE = 25.0
+"""Least evidence of a fix. Tuned on simulated cases inside and outside the DEM.
+@S:decide.FIX_EVIDENCE@"""
 MOST_PRIOR_SIGMAS = 7.0
-"""No reading is further off than this."""
-WIDEST_FIX_CELLS = 5.0
-"""A place known no better than this, in standard deviations, is not one place."""
+"""Largest normalised error of a reading at a place that is believed. Tuned on simulated cases inside and outside
+the DEM. @S:decide.MOST_PRIOR_SIGMAS@"""
+LARGEST_FIX_SIGMA_CELLS = 5.0
+"""Largest standard deviation of a fix. Tuned on simulated cases of ``sim evaluate``.
+@S:decide.LARGEST_FIX_SIGMA_CELLS@"""
 NEGLIGIBLE = 1e-4
+"""Less probable places are not listed; their probability goes into ``elsewhere``."""
 
 
 @dataclass(frozen=True)
 class Decision:
-    """``candidates`` by falling probability (the negligible ones left out) with their ``probabilities``.
+    """``candidates`` by decreasing probability, without negligible ones, and their ``probabilities``.
 
     ``elsewhere``: the probability of all places that are not among them, those that were not compared included.
     """
@@ -56,17 +69,20 @@ class Decision:
     """None for a fix."""
 
 
-def explains(candidate: Refined, largest_dem_error_m: float, priors: int) -> bool:
-    """Whether the terrain seen from this place explains what was observed."""
-    return objection(candidate, largest_dem_error_m, priors, np.inf) is None
+def is_plausible(candidate: Refined, largest_dem_error_m: float, priors: int) -> bool:
+    """Whether the terrain seen from this place explains the observation."""
+    return rejection_reason(candidate, largest_dem_error_m, priors, np.inf) is None
 
 
-def objection(
+def rejection_reason(
     candidate: Refined, largest_dem_error_m: float, priors: int, skyline_deg: float
 ) -> Reason | None:
-    """What speaks against a place by itself; ``skyline_deg``: how much of the horizon was seen."""
+    """Why a place is not believed, regardless of others; None if it is.
+
+    ``skyline_deg``: how much of the horizon was observed.
+    """
     if candidate.evidence < LEAST_EVIDENCE:
-        return fits_nowhere(skyline_deg)
+        return no_match(skyline_deg)
     if candidate.dem_error_m >= 0.98 * largest_dem_error_m:
         return large_dem_error(candidate.dem_error_m)
     if candidate.inlier_share < LEAST_INLIERS or candidate.prior_chi2 >= MOST_PRIOR_SIGMAS**2 + priors:
@@ -75,26 +91,26 @@ def objection(
 
 
 def log_mass(compared: Refined, cell_m: float) -> float:
-    """Logarithm of a place's probability but for a constant: how high its peak is, and how wide."""
-    wide_m2 = compared.covariance_enu_m2 + np.eye(2) * (PEAK_CELLS * cell_m) ** 2
-    return SHARPNESS * compared.log_odds + 0.5 * float(np.linalg.slogdet(wide_m2)[1])
+    """Unnormalised log-probability of a mode (Laplace approximation)."""
+    wide_m2 = compared.covariance_enu_m2 + np.eye(2) * (LEAST_MODE_SIGMA_CELLS * cell_m) ** 2
+    return TEMPERING_EXPONENT * compared.log_odds + 0.5 * float(np.linalg.slogdet(wide_m2)[1])
 
 
 def decide(masses: Sequence[float], places: Sequence[Refined], cell_m: float, elsewhere: float) -> Decision:
-    """Probabilities of places, the likeliest first, and what they add up to.
+    """Status and probabilities of places, given the most probable first.
 
-    ``masses``: their logarithms (``log_mass``). ``elsewhere``: the weight of what was not compared; that of the likeliest place
-    is 1.
+    ``masses``: their unnormalised log-probabilities (``log_mass``). ``elsewhere``: the weight of all places that were not
+    compared, relative to the most probable one.
     """
     weight = np.exp(np.array(masses) - max(masses))
     probability = weight / (weight.sum() + elsewhere)
     kept = [i for i in range(len(places)) if i == 0 or probability[i] >= NEGLIGIBLE]
-    if probability[0] < CERTAIN:
+    if probability[0] < FIX_PROBABILITY:
         reason: Reason | None = several_places(len(kept))
-    elif places[0].evidence < CERTAIN_EVIDENCE:
-        reason = weak_evidence(places[0].evidence, CERTAIN_EVIDENCE)
+    elif places[0].evidence < FIX_EVIDENCE:
+        reason = weak_evidence(places[0].evidence, FIX_EVIDENCE)
     else:
-        reason = _too_wide(places[0], cell_m)
+        reason = _too_uncertain(places[0], cell_m)
     return Decision(
         status="ambiguous" if reason else "fix",
         candidates=[places[i] for i in kept],
@@ -104,18 +120,18 @@ def decide(masses: Sequence[float], places: Sequence[Refined], cell_m: float, el
     )
 
 
-def nowhere(reason: Reason) -> Decision:
+def no_place(reason: Reason) -> Decision:
     """No place is believed."""
     return Decision("none", [], np.zeros(0), 1.0, reason)
 
 
-def answered_with(decision: Decision, best: Refined, cell_m: float) -> Decision:
-    """The same with the likeliest candidate as it was refined in the end; no ``fix`` where that is known too vaguely."""
-    reason = decision.reason or _too_wide(best, cell_m)
+def with_refined_best(decision: Decision, best: Refined, cell_m: float) -> Decision:
+    """The decision with its first candidate replaced by a later fit; no longer ``fix`` if that is too uncertain."""
+    reason = decision.reason or _too_uncertain(best, cell_m)
     status: Status = "ambiguous" if decision.status == "fix" and reason else decision.status
     return replace(decision, status=status, candidates=[best, *decision.candidates[1:]], reason=reason)
 
 
-def _too_wide(candidate: Refined, cell_m: float) -> Reason | None:
+def _too_uncertain(candidate: Refined, cell_m: float) -> Reason | None:
     widest_m = float(np.sqrt(np.linalg.eigvalsh(candidate.covariance_enu_m2)[-1]))
-    return wide_place(widest_m) if widest_m > WIDEST_FIX_CELLS * cell_m else None
+    return large_uncertainty(widest_m) if widest_m > LARGEST_FIX_SIGMA_CELLS * cell_m else None

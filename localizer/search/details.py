@@ -1,4 +1,4 @@
-"""What the search knows beyond the fix itself: enough to draw it, to explain it and to test it."""
+"""Results of the search beyond the fix: what plots, reports and tests need."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 
 from localizer.fix import Fix
 
-CONTRADICTS = 0.4
-"""A frame of which less than this share of the columns fits a place contradicts it."""
+INCONSISTENT_BELOW = 0.4
+"""A frame contradicts a place if less than this share of its columns fits. Tuned on rendered bundles with one frame misread;
+not in docs/sensitivity.md, whose cases leave no frame out."""
 
 
 @dataclass(frozen=True)
@@ -23,52 +24,52 @@ class FrameDetail:
     found_v_px: NDArray[np.float64]
     """(n,) its row there."""
     used: NDArray[np.bool_]
-    """(n,) whether the search used the point (it may be too doubtful)."""
+    """(n,) whether the search used the point; points of low confidence are not used."""
     predicted_u_px: NDArray[np.float64]
-    """(m,) columns of the terrain's horizon as seen from the fix; empty when there is no fix."""
+    """(m,) columns of the horizon predicted at the fix; empty without one."""
     predicted_v_px: NDArray[np.float64]
     """(m,) its row there; may lie outside the image."""
     errors_deg: tuple[float, float, float] | None = None
-    """Of azimuth, tilt and roll, this frame's own beside the biases, reading minus truth; None where not solved for."""
+    """Errors of azimuth, tilt and roll of this frame beyond the biases, reading minus truth; None if not solved for."""
     agreement: float | None = None
-    """Share of the columns used that fit the place found, by what the sensors say; None where there is no telling."""
+    """Share of the used columns that fit the place by the sensors' attitude; None if it cannot be judged."""
     left_out: bool = False
-    """Whether the search did without this frame, because it contradicts the others."""
-    rim_share: float = 0.0
-    """Of the horizon as seen from the fix, the share that lies where the DEM ends and tells nothing."""
-    quarters: int = 0
-    """By so many quarters clockwise the frame is turned to have its sky up."""
+    """Whether this frame was excluded because it contradicts the others."""
+    dem_edge_share: float = 0.0
+    """Share of the predicted horizon that lies at the DEM edge and is not used."""
+    quarter_turns: int = 0
+    """Quarter turns clockwise that put the frame's sky up."""
 
     def turned_px(
         self, u_px: NDArray[np.float64], v_px: NDArray[np.float64], height_px: int = 0, width_px: int = 0
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Column and row, in the frame turned so, of pixels of the frame as recorded; without its size but for a constant."""
-        for _ in range(self.quarters):
+        """Column and row in the upright frame of pixels of the recorded frame. Without its size both are off by a constant."""
+        for _ in range(self.quarter_turns):
             u_px, v_px, width_px, height_px = height_px - 1.0 - v_px, u_px, height_px, width_px
         return u_px, v_px
 
 
 @dataclass(frozen=True)
 class SolvedErrors:
-    """What the search found out about the errors while it solved for the place."""
+    """Errors that were estimated together with the place."""
 
     altitude_m: float
     """Of the optical centre, as solved for."""
     dem_error_m: float
-    """Of the ridges' elevations, one standard deviation; 0 where the DEM was said to be the terrain itself, and it fits."""
+    """Standard deviation of the ridges' elevations; 0 if the DEM was declared exact and fits."""
     correlation_columns: float
-    """So many neighbouring columns are worth one independent one."""
+    """Columns per effective sample (integrated autocorrelation along the contour)."""
     inlier_share: float
-    """Share of the columns within three standard deviations."""
+    """Share of the informative columns within three standard deviations."""
     prior_chi2: float
-    """Sum of the squared deviations of all readings, each in its own standard deviations."""
+    """Sum of the squared normalised errors of all readings."""
     evidence: float
-    """Logarithm of how much better than chance the terrain explains the skylines."""
+    """Log Bayes factor of the place against an unrelated one."""
 
 
 @dataclass(frozen=True)
 class LocateDetails:
-    """How a fix came about."""
+    """Intermediate results behind a fix."""
 
     frames: tuple[FrameDetail, ...]
     """In the order of the bundle's frames."""

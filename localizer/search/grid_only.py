@@ -1,6 +1,6 @@
-"""The paper's own estimate: the grid point whose horizon differs least from the contours, in the mean square.
+"""The paper's own estimate (section IV-B): the grid point whose horizon has the least mean square disparity from the contours.
 
-Kept beside the refined search so that what the refinement adds can be seen; nothing else uses it.
+Only ``sim paper`` uses it, to show what the refinement adds.
 """
 
 import numpy as np
@@ -21,8 +21,8 @@ def grid_only_estimate(
 ) -> tuple[int, int]:
     """Row and column of the cell, among those that stage 1 left (n, 2), with the lowest mean square disparity.
 
-    The camera stands on the grid point, at the mast's height; the heading is believed. Only the most promising cells are
-    compared in full, as many as the paper's own second stage could.
+    The camera is taken to stand on the grid point at the mast's height, with the measured heading. The CANDIDATES cells with
+    the lowest robust disparity are compared in full.
     """
     skyline = measured_skyline(observation, tuple(frame_contour(f) for f in observation.frames))
     eye = terrain.height_m[cells[:, 0], cells[:, 1]].astype(float) + observation.mast_height_m

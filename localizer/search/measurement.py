@@ -3,31 +3,19 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from localizer.bundle import Bundle, Prior
-from localizer.camera import camera_to_world, project
-from localizer.dem.horizon import Terrain, at_rim, horizon
 from localizer.dem.lattice import Dem
 from localizer.dem.prepared import prepared
-from localizer.observation import FrameObservation, Observation, PriorCircle
-from localizer.search.answer import fix_of, metric_covariance
-from localizer.search.contradiction import Settled, settle_frames
-from localizer.search.details import FrameDetail, LocateDetails, LocateResult, SolvedErrors
-from localizer.search.doubts import altitude_as_trusted, without_altimeter
-from localizer.search.fit.refine import Refined
+from localizer.observation import Observation, PriorCircle
+from localizer.search.altitude_reference import diagnose_altimeter, with_datum_uncertainty
+from localizer.search.answer import fix_of
+from localizer.search.details import LocateResult
+from localizer.search.frame_details import details_of_contours
+from localizer.search.leave_one_out import check_frames
 from localizer.search.locate import load_kernels, locate_bundle, observe
 from localizer.search.locate import locate as locate_contours
 from localizer.skyline.find import Skyline
 from localizer.skyline.upright import frame_skyline
-
-Floats = NDArray[np.float64]
-
-STEP_DEG = 0.05
-"""Between the points of a predicted skyline."""
-BESIDE_DEG = 5.0
-"""A predicted skyline is computed so far beyond the outermost points of a contour."""
 
 
 def locate(
@@ -91,18 +79,18 @@ def locate(
         return locate_bundle(measurement, dem)
     terrain = prepared(dem)
     load_kernels(terrain)
-    observation = altitude_as_trusted(
+    observation = with_datum_uncertainty(
         measurement if prior is None else replace(measurement, prior=prior), dem
     )
     located = locate_contours(terrain, observation)
-    settled = settle_frames(
-        terrain, observation, located, lambda fewer: locate_contours(terrain, fewer, everywhere=False)
+    checked = check_frames(
+        terrain, observation, located, lambda fewer: locate_contours(terrain, fewer, retry_all_cells=False)
     )
-    fix = fix_of(terrain, observation, settled.located, name, located.timing_s)
-    fix = without_altimeter(
-        terrain, observation, fix, lambda blind: locate_contours(terrain, blind, everywhere=False)
+    fix = fix_of(terrain, observation, checked.located, name, located.timing_s)
+    fix = diagnose_altimeter(
+        terrain, observation, fix, lambda blind: locate_contours(terrain, blind, retry_all_cells=False)
     )
-    return LocateResult(fix, _details(terrain, observation, settled))
+    return LocateResult(fix, details_of_contours(terrain, observation, checked))
 
 
 def observation_from_bundle(bundle: Bundle, skylines: Sequence[Skyline] | None = None) -> Observation:
@@ -138,74 +126,3 @@ def observation_from_bundle(bundle: Bundle, skylines: Sequence[Skyline] | None =
     if len(found) != len(bundle.frames):
         raise ValueError(f"skylines: are {len(found)} for {len(bundle.frames)} frames; give one for each")
     return observe(bundle, found)
-
-
-def _details(terrain: Terrain, observation: Observation, settled: Settled) -> LocateDetails:
-    located = settled.located
-    best = located.best
-    solved = iter(best.frame_errors_deg) if best is not None else iter(())
-    frames = []
-    for frame in observation.frames:
-        left_out = frame.label == settled.left_out
-        own = None if best is None or left_out or len(frame.u_px) < 2 else next(solved)
-        u_px, v_px, edge_share = np.zeros(0), np.zeros(0), 0.0
-        if best is not None and len(frame.u_px):
-            u_px, v_px, edge_share = _predicted(terrain, frame, best, np.zeros(3) if own is None else own)
-        frames.append(
-            FrameDetail(
-                label=frame.label,
-                found_u_px=frame.u_px,
-                found_v_px=frame.v_px,
-                used=np.ones(len(frame.u_px), bool),
-                predicted_u_px=u_px,
-                predicted_v_px=v_px,
-                errors_deg=None if own is None else (float(own[0]), float(own[1]), float(own[2])),
-                agreement=settled.agreement.get(frame.label),
-                left_out=left_out,
-                rim_share=edge_share,
-            )
-        )
-    candidates = located.decision.candidates
-    errors = None
-    if best is not None:
-        errors = SolvedErrors(
-            altitude_m=best.altitude_m,
-            dem_error_m=best.dem_error_m,
-            correlation_columns=best.correlation_columns,
-            inlier_share=best.inlier_share,
-            prior_chi2=best.prior_chi2,
-            evidence=best.evidence,
-        )
-    return LocateDetails(
-        frames=tuple(frames),
-        survivors=located.stage1.survivors,
-        candidates_rowcol=np.array([[c.row, c.col] for c in candidates]).reshape(-1, 2),
-        candidate_covariances_m2=np.array([metric_covariance(terrain, c) for c in candidates]).reshape(
-            -1, 2, 2
-        ),
-        errors=errors,
-    )
-
-
-def _predicted(
-    terrain: Terrain, frame: FrameObservation, best: Refined, own_errors_deg: Floats
-) -> tuple[Floats, Floats, float]:
-    """The skyline from the place found, u and v in pixels from the contour's first to its last column; the share of it that
-    lies where the DEM ends."""
-    camera = frame.camera
-    attitude = (
-        frame.azimuth_deg - best.azimuth_bias_deg - own_errors_deg[0],
-        frame.tilt_deg - best.tilt_bias_deg - own_errors_deg[1],
-        frame.roll_deg - own_errors_deg[2],
-    )
-    aside_px = float(np.abs(frame.u_px - camera.cx_px).max())
-    half_view_deg = float(np.degrees(np.arctan(aside_px / camera.fx_px))) + BESIDE_DEG
-    azimuth_deg = attitude[0] + np.arange(-half_view_deg, half_view_deg, STEP_DEG)
-    elevation_deg, distance_m = horizon(terrain, best.row, best.col, best.altitude_m, azimuth_deg)
-    u_px, v_px = project(camera, camera_to_world(*attitude), azimuth_deg, elevation_deg[0])
-    inside = (u_px >= frame.u_px.min() - 1.0) & (u_px <= frame.u_px.max() + 1.0)
-    edge_share = 0.0
-    if inside.any() and not terrain.exact:
-        azimuth_rad = np.radians(azimuth_deg[inside])
-        edge_share = float(at_rim(terrain, best.row, best.col, azimuth_rad, distance_m[0][inside]).mean())
-    return u_px[inside], v_px[inside], edge_share

@@ -1,10 +1,10 @@
-"""Why a search did not come to a fix, in one sentence that says what would help."""
+"""Why a result is no fix, in one sentence that says what would help."""
 
 from localizer.fix import Reason
 from localizer.search.fit.refine import Refined
 
 LITTLE_SKYLINE_DEG = 40.0
-"""Less of it tells one place from all others in a small DEM only."""
+"""Less of it distinguishes a place from all others in a small DEM only. A limit of the wording, not of the decision."""
 
 
 def no_skyline() -> Reason:
@@ -25,7 +25,7 @@ def no_ground_at_altitude(altitude_m: float) -> Reason:
     )
 
 
-def fits_nowhere(skyline_deg: float) -> Reason:
+def no_match(skyline_deg: float) -> Reason:
     """No place explains the skyline better than chance."""
     if skyline_deg < LITTLE_SKYLINE_DEG:
         return Reason(
@@ -38,7 +38,7 @@ def fits_nowhere(skyline_deg: float) -> Reason:
     )
 
 
-def off_the_dem() -> Reason:
+def beyond_dem() -> Reason:
     """The best place lies where the DEM has no cell."""
     return Reason(
         code="outside",
@@ -47,7 +47,7 @@ def off_the_dem() -> Reason:
 
 
 def large_dem_error(error_m: float) -> Reason:
-    """The ridges would have to be wrong by more than is believed of a DEM."""
+    """The ridges would need an error larger than is plausible for a DEM."""
     return Reason(
         code="dem_error",
         text=f"At the place that fits best the DEM's ridges would be off by {error_m:.0f} m or more; use a finer or newer DEM,"
@@ -56,7 +56,7 @@ def large_dem_error(error_m: float) -> Reason:
 
 
 def contradicted(best: Refined, least_inliers: float) -> Reason:
-    """The readings, or too many columns, disagree with the best place."""
+    """The readings, or too many columns, contradict the best place."""
     if best.inlier_share < least_inliers:
         return Reason(
             code="contradicted",
@@ -71,7 +71,7 @@ def contradicted(best: Refined, least_inliers: float) -> Reason:
 
 
 def several_places(count: int) -> Reason:
-    """More than one place explains what is seen."""
+    """More than one place explains the observation."""
     places = f"{count} places" if count > 1 else "The place found and others that were not compared"
     return Reason(
         code="several_places",
@@ -81,15 +81,15 @@ def several_places(count: int) -> Reason:
 
 
 def weak_evidence(evidence: float, wanted: float) -> Reason:
-    """One place, but the skyline tells too little to be sure of it."""
+    """One place, but with too little evidence for a fix."""
     return Reason(
         code="too_little_skyline",
         text=f"One place fits, on evidence of {evidence:.1f} where {wanted:.0f} is wanted to be sure; take more directions.",
     )
 
 
-def wide_place(widest_m: float) -> Reason:
-    """One place that is known too vaguely."""
+def large_uncertainty(widest_m: float) -> Reason:
+    """One place with too large a standard deviation."""
     return Reason(
         code="too_little_skyline",
         text=f"The place is known to {widest_m:.0f} m (one sigma) only; more directions, nearer ridges or a finer DEM would"
@@ -97,8 +97,8 @@ def wide_place(widest_m: float) -> Reason:
     )
 
 
-def off_the_way() -> Reason:
-    """What is seen fits places that the drive rules out."""
+def excluded_by_track() -> Reason:
+    """The observation fits only places that the track excludes."""
     return Reason(
         code="contradicted",
         text="What is seen here fits none of the places that the drive allows; check the odometry, or start a new track.",

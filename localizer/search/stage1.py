@@ -1,13 +1,17 @@
-"""Stage 1: which cells can be the CAMERA, judged by one height of the skyline in each direction (the paper, section IV-A).
+"""Stage 1, the paper's section IV-A: which cells can be the CAMERA, by one height of the skyline in each direction.
 
-The altitude constraint goes first, then the directions one after the other, the one with the lowest skyline first. For each
-CAMERA still in play the POINTs along its line of sight are gone through until one of them stands above the band
-(errata: Zest = H + x tan(alpha) + (1 - k) x^2 / 2R), or until none ahead can reach the band any more. A CAMERA stays when its
-highest POINT lies within the band.
+The altitude constraint comes first: |Z(CAMERA) + mast height - H| < 3 sigma. Then the directions follow, the one with the
+lowest skyline first. For each CAMERA left, the POINTs along its line of sight are visited at distances x. In the errata's
+exact form, a POINT on the skyline of elevation alpha has the height
 
-The band covers what the skyline's height is uncertain by (3 sigma), the error of the DEM, the camera's place within its cell
-and the POINT's place within its own. The heading's bias is not part of it: the hypotheses for it are kept apart, as bits of
-a mask, and a CAMERA must satisfy all directions with the same one.
+    Zest = H + x tan(alpha) + (1 - k) x^2 / (2 R).
+
+A POINT above the upper edge of the error band excludes the CAMERA. The line of sight ends where no terrain ahead can reach the
+band. A CAMERA stays if its highest POINT lies within the band.
+
+The band (the paper, section VI) covers 3 sigma of the skyline's elevation, the error of the DEM, and the height differences
+over half a cell around CAMERA and POINT. The bias of the heading is not part of the band. Its hypotheses are the bits of a
+mask, and a CAMERA must satisfy all directions under the same hypothesis.
 """
 
 from dataclasses import dataclass
@@ -24,13 +28,15 @@ Floats = NDArray[np.float64]
 Cells = NDArray[np.int64]
 
 HEADINGS = 64
-"""Heading hypotheses at most: one bit each."""
+"""Heading hypotheses at most: one bit of the mask for each."""
 SIGMAS = 3.0
+"""Half width of the error band in standard deviations. Tuned on the simulated cases of ``sim evaluate``: the true cell must
+stay. @S:stage1.SIGMAS@"""
 
 
 @dataclass(frozen=True)
 class Band:
-    """What a direction admits: tangents (headings,) of the band's edges for each heading hypothesis."""
+    """The error band of one direction: tangents (headings,) of its lower and upper edge under each heading hypothesis."""
 
     label: str
     azimuth_deg: float
@@ -40,7 +46,7 @@ class Band:
 
 @dataclass(frozen=True)
 class Stage1:
-    """Cells (n, 2) row and column left by each test in the order of the tests, and how many POINTs were looked at."""
+    """Cells (n, 2), row and column, left by each test, in the order of the tests, and the number of POINTs visited."""
 
     cells: int
     survivors: dict[str, Cells]
@@ -48,7 +54,7 @@ class Stage1:
 
     @property
     def last(self) -> Cells:
-        """Cells (n, 2), row and column, that all steps left."""
+        """Cells (n, 2), row and column, that passed all tests."""
         return list(self.survivors.values())[-1]
 
 
@@ -77,7 +83,7 @@ def bands(skyline: MeasuredSkyline, offsets_deg: Floats) -> list[Band]:
                 low[k] = np.tan(np.radians((skyline.elevation_deg[at] - wide).min()))
                 high[k] = np.tan(np.radians((skyline.elevation_deg[at] + wide).max()))
         if np.isfinite(high).any():
-            # Hypotheses that look beside the contour are not tested here.
+            # Under these hypotheses the central column has no contour: they are not tested.
             low[~np.isfinite(low)], high[~np.isfinite(high)] = -np.inf, np.inf
             out.append(Band(label, middle * STEP_DEG, low, high))
     return sorted(out, key=lambda band: float(np.median(band.high[np.isfinite(band.high)])))
@@ -92,7 +98,7 @@ def search_stage1(
     dem_error_m: float,
     allowed: NDArray[np.bool_] | None = None,
 ) -> Stage1:
-    """Cut the whole DEM, or the cells ``allowed`` (rows, cols) in it, down to those that can see all central heights."""
+    """The cells of the DEM, or of its part ``allowed`` (rows, cols), from which the central columns can be seen as measured."""
     relief = terrain.half_cell_relief_m
     ground = terrain.height_m
     cells = int(np.count_nonzero(ground > VOID_M))
@@ -120,7 +126,7 @@ def search_stage1(
             relief,
             terrain.highest_m,
             terrain.drop_per_m2,
-            terrain.frames.at(row, col),
+            terrain.geodesics.at(row, col),
             row,
             col,
             eye,
@@ -143,7 +149,7 @@ def _search_direction(
     relief: Heights,
     highest: float,
     drop: float,
-    frames: Floats,
+    coefficients: Floats,
     row: Floats,
     col: Floats,
     eye: Floats,
@@ -153,7 +159,7 @@ def _search_direction(
     low: Floats,
     high: Floats,
 ) -> tuple[NDArray[np.uint64], Cells]:
-    """For each CAMERA the heading hypotheses that its highest POINT agrees with, and how many POINTs were looked at."""
+    """For each CAMERA the mask of heading hypotheses that its highest POINT agrees with, and the number of POINTs visited."""
     cameras = row.shape[0]
     left = np.zeros(cameras, np.uint64)
     points = np.zeros(cameras, np.int64)
@@ -162,11 +168,15 @@ def _search_direction(
         top = max(top, high[k])
     east, north = np.sin(azimuth), np.cos(azimuth)
     for n in numba.prange(cameras):
-        frame = frames[n]
-        row_1 = frame[0, 0] * east + frame[0, 1] * north
-        row_2 = frame[0, 2] * east * east + frame[0, 3] * east * north + frame[0, 4] * north * north
-        col_1 = frame[1, 0] * east + frame[1, 1] * north
-        col_2 = frame[1, 2] * east * east + frame[1, 3] * east * north + frame[1, 4] * north * north
+        of_camera = coefficients[n]
+        row_1 = of_camera[0, 0] * east + of_camera[0, 1] * north
+        row_2 = (
+            of_camera[0, 2] * east * east + of_camera[0, 3] * east * north + of_camera[0, 4] * north * north
+        )
+        col_1 = of_camera[1, 0] * east + of_camera[1, 1] * north
+        col_2 = (
+            of_camera[1, 2] * east * east + of_camera[1, 3] * east * north + of_camera[1, 4] * north * north
+        )
         along_rows = abs(row_1) > abs(col_1)
         a1, a2, b1, b2 = (row_1, row_2, col_1, col_2) if along_rows else (col_1, col_2, row_1, row_2)
         start, minor_start = (row[n], col[n]) if along_rows else (col[n], row[n])

@@ -1,8 +1,13 @@
-"""Stage 2: the whole curve against the horizon of each cell that stage 1 left (the paper, section IV-B).
+"""Stage 2, the paper's section IV-B: curve matching, the whole skyline against the horizon of each cell.
 
-The disparity is a robust one: a column counts by its own uncertainty, and a far-off stretch, a tree or a cloud taken for a
-ridge, cannot outweigh the rest (errata, gap 7). Since a camera stands anywhere in its cell, near terrain is uncertain by metres
-and counts less than far terrain. The heading's bias is searched along: turning the head shifts the curve.
+The paper's mean square disparity is replaced by a robust negative log-likelihood (errata, gap 7). With the difference d of
+observed and predicted elevation, and its variance s^2, a column costs
+
+    0.5 u / (1 + u / c^2) + 0.5 ln s^2,    u = d^2 / s^2    (Geman-McClure, scale c),
+
+which is bounded, so that a tree or a cloud taken for a ridge cannot outweigh the rest. s^2 contains the position of the camera
+within its cell, which matters for near terrain. The minimum over the hypotheses for the heading's bias counts: a bias
+shifts the curve along the azimuth.
 """
 
 from dataclasses import dataclass
@@ -18,15 +23,16 @@ from localizer.search.contours import BINS, STEP_DEG, MeasuredSkyline
 Floats = NDArray[np.float64]
 Cells = NDArray[np.int64]
 
-SATURATION = 4.0
-"""Sigmas at which a column's disparity stops to grow (Geman-McClure)."""
+GEMAN_MCCLURE_SIGMAS = 4.0
+"""Scale c of the Geman-McClure loss, in standard deviations. Tuned on the simulated cases of ``sim evaluate`` (clouds,
+foreground). @S:stage2.GEMAN_MCCLURE_SIGMAS@"""
 
 
 @dataclass(frozen=True)
-class Scored:
-    """Cells (n, 2) with their disparity (n,), lowest first, and the heading's bias that gave it.
+class ScoredCells:
+    """Cells (n, 2) with their disparity (n,), lowest first, and the bias of the heading that gives it.
 
-    The disparity is the mean over the columns of the negative logarithm of their likelihood.
+    The disparity is the mean negative log-likelihood of the columns.
     """
 
     cells: Cells
@@ -44,11 +50,11 @@ def search_stage2(
     azimuth_bias_sigma_deg: float,
     dem_error_m: float,
     every_deg: float,
-) -> Scored:
+) -> ScoredCells:
     """Disparity of each cell over columns ``every_deg`` apart; ``eye_m`` (n,) the camera's altitude there."""
     shifts = np.round(offsets_deg / STEP_DEG).astype(np.int64)
     seen = np.isfinite(skyline.elevation_deg)
-    # World azimuths under which some hypothesis sees a measured column.
+    # True azimuths at which some hypothesis has a measured column.
     reached = np.zeros(BINS, bool)
     for shift in shifts:
         reached |= np.roll(seen, -shift)
@@ -67,7 +73,7 @@ def search_stage2(
         terrain.col_blocks,
         terrain.highest_m,
         terrain.drop_per_m2,
-        terrain.frames.at(row, col),
+        terrain.geodesics.at(row, col),
         row,
         col,
         eye_m,
@@ -80,7 +86,7 @@ def search_stage2(
         np.radians(STEP_DEG),
     )
     order = _by_disparity(cells, disparity)
-    return Scored(cells[order], disparity[order], offsets_deg[best[order]])
+    return ScoredCells(cells[order], disparity[order], offsets_deg[best[order]])
 
 
 @kernel(parallel=True)
@@ -91,7 +97,7 @@ def _disparities(
     col_blocks: Heights,
     highest: float,
     drop: float,
-    frames: Floats,
+    coefficients: Floats,
     row: Floats,
     col: Floats,
     eye: Floats,
@@ -119,7 +125,7 @@ def _disparities(
                 col_blocks,
                 highest,
                 drop,
-                frames[n],
+                coefficients[n],
                 row[n],
                 col[n],
                 eye[n],
@@ -141,8 +147,11 @@ def _disparities(
                 spread = slack[n] / distance[m] if distance[m] > 0.0 else 0.0
                 variance = sigma[at] * sigma[at] + spread * spread
                 residual = (observed - horizon[m]) ** 2 / variance
-                # A place that predicts vaguely must not win by being vague: hence the logarithm.
-                total += 0.5 * (residual / (1.0 + residual / (SATURATION * SATURATION)) + np.log(variance))
+                # The normalisation: without it a place with a large variance would always fit.
+                total += 0.5 * (
+                    residual / (1.0 + residual / (GEMAN_MCCLURE_SIGMAS * GEMAN_MCCLURE_SIGMAS))
+                    + np.log(variance)
+                )
             if count == 0:
                 continue
             disparity = total / count + prior[k] / count
@@ -151,8 +160,8 @@ def _disparities(
     return lowest, which
 
 
-def apart(scored: Scored, keep: int, radius_cells: float) -> NDArray[np.int64]:
-    """Indices of the best cells of which no two lie within ``radius_cells`` of each other, ``keep`` at most, the best first."""
+def suppress_neighbours(scored: ScoredCells, keep: int, radius_cells: float) -> NDArray[np.int64]:
+    """Non-maximum suppression: indices of the best cells, no two within ``radius_cells``, ``keep`` at most, the best first."""
     chosen: list[int] = []
     for i in _by_disparity(scored.cells, scored.disparity):
         if all(np.hypot(*(scored.cells[i] - scored.cells[j])) > radius_cells for j in chosen):
@@ -163,5 +172,5 @@ def apart(scored: Scored, keep: int, radius_cells: float) -> NDArray[np.int64]:
 
 
 def _by_disparity(cells: Cells, disparity: Floats) -> NDArray[np.int64]:
-    """Indices of the cells, the best first, in whatever order they come."""
+    """Indices of the cells, the best first; ties are ordered by position, so that the order of the input does not matter."""
     return np.lexsort((cells[:, 1], cells[:, 0], disparity))

@@ -1,4 +1,4 @@
-"""The places that a result names, in the terms of all files that it is exported to."""
+"""The candidates of a result, with the quantities that all export formats need."""
 
 from dataclasses import dataclass, replace
 
@@ -16,8 +16,8 @@ RING_POINTS = 72
 
 
 @dataclass(frozen=True)
-class Place:
-    """One place that the images fit; ``rank`` 1 is the likeliest, and the fix's own position."""
+class CandidatePlace:
+    """One candidate; ``rank`` 1 is the most probable, the position of the fix."""
 
     rank: int
     row: float
@@ -31,7 +31,7 @@ class Place:
     covariance_m2: NDArray[np.float64]
     """(2, 2) of easting and northing, metres of the ground."""
     here: MapMetres
-    """How the ground lies in the map there."""
+    """Scale and convergence of the map there."""
     probability: float
     rms_px: float
     axes: EllipseAxes
@@ -39,7 +39,7 @@ class Place:
     """Of the ellipse's major axis, from true north, 0 to 180."""
 
 
-def places(result: LocateResult, dem: Dem) -> tuple[Place, ...]:
+def places(result: LocateResult, dem: Dem) -> tuple[CandidatePlace, ...]:
     """All places of a result by rank; none where its status is "none"."""
     out = []
     details = result.details
@@ -52,7 +52,7 @@ def places(result: LocateResult, dem: Dem) -> tuple[Place, ...]:
         axes = ellipse(((ee, en), (ne, nn)))
         here = map_metres_at(dem, float(row), float(col))
         out.append(
-            Place(
+            CandidatePlace(
                 rank=i + 1,
                 row=float(row),
                 col=float(col),
@@ -72,7 +72,7 @@ def places(result: LocateResult, dem: Dem) -> tuple[Place, ...]:
     return tuple(out)
 
 
-def ellipse_ring_m(place: Place) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def ellipse_ring_m(place: CandidatePlace) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Eastings and northings (RING_POINTS,) of the ellipse that holds 95 %, in the map's own metres.
 
     Counter-clockwise, not closed.
@@ -85,7 +85,7 @@ def ellipse_ring_m(place: Place) -> tuple[NDArray[np.float64], NDArray[np.float6
     return place.easting_m + east_m, place.northing_m + north_m
 
 
-def ellipse_ring_lonlat(place: Place, dem: Dem) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def ellipse_ring_lonlat(place: CandidatePlace, dem: Dem) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The same ring in WGS84 longitudes, -180 <= lon < 180, and latitudes, the accuracy of the operation between the datums
     included.
     """
@@ -93,14 +93,14 @@ def ellipse_ring_lonlat(place: Place, dem: Dem) -> tuple[NDArray[np.float64], ND
     return metric_to_lonlat(dem, *ellipse_ring_m(wider))
 
 
-def place_name(place: Place, status: Status, count: int, bundle: str) -> str:
-    """What a map calls the place. Only a fix is called one: a name is often all that a map shows."""
+def place_name(place: CandidatePlace, status: Status, count: int, bundle: str) -> str:
+    """The label of the place on a map. Only a fix is called one, since a map often shows nothing but the label."""
     if status == "fix":
         return f"fix {bundle}"
     return f"candidate {place.rank} of {count} (ambiguous) {bundle}"
 
 
-def place_description(place: Place, status: Status) -> str:
+def place_description(place: CandidatePlace, status: Status) -> str:
     """Status, uncertainty and probability in a line."""
     return (
         f"status {status}; 1 sigma {place.axes.major_m:.1f} m x {place.axes.minor_m:.1f} m, the longer towards "

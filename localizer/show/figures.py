@@ -1,4 +1,4 @@
-"""The pictures of a report's page, each as a WebP image."""
+"""The figures of the HTML report, each as a WebP image."""
 
 from collections.abc import Sequence
 from io import BytesIO
@@ -14,8 +14,16 @@ from localizer.dem.geodesy import rowcol_to_metric
 from localizer.dem.ground import ground_distance_m
 from localizer.dem.lattice import Dem
 from localizer.search.details import FrameDetail, LocateResult
-from localizer.show.candidates import Place, ellipse_ring_m
-from localizer.show.plot import DOUBTFUL, PLACE, draw_frame, draw_map, few_ticks, outline_cells, stages
+from localizer.show.candidates import CandidatePlace, ellipse_ring_m
+from localizer.show.plot import (
+    DOUBTFUL,
+    PLACE,
+    draw_frame,
+    draw_map,
+    few_ticks,
+    outline_cells,
+    stage1_steps_of,
+)
 from localizer.show.posterior import Posterior
 from localizer.show.relief import dem_bounds_m, draw_relief
 from localizer.show.text import CHI2_95
@@ -26,9 +34,9 @@ Floats = NDArray[np.float64]
 DPI = 110
 QUALITY = 88
 FRAME_INCHES = 7.4
-FUNNEL_ACROSS = 3
-FUNNEL_PIXELS = 420
-MOST_ZOOMED = 6
+MAPS_ACROSS = 3
+MAP_PIXELS = 420
+MOST_DETAIL_MAPS = 6
 CELLS_AROUND = 3.5
 LEAST_RESIDUAL_RANGE_PX = 2.0
 PROBABILITY_COLOURS = LinearSegmentedColormap.from_list(
@@ -48,7 +56,7 @@ def residuals_px(frame: FrameDetail) -> Floats:
 
 
 def frame_picture(image: NDArray[np.uint8], frame: FrameDetail, rms_px: float | None) -> bytes:
-    """A frame with its skylines, and below it what is left between them."""
+    """A frame with its skylines, and below it the residuals."""
     height_px, width_px = image.shape[:2]
     wide = FRAME_INCHES * min(1.0, width_px / height_px)
     tall = wide * height_px / width_px
@@ -75,9 +83,9 @@ def _draw_residuals(
     for chosen, colour in ((~frame.used, DOUBTFUL), (frame.used, "#0086a8")):
         axes.plot(column_px[chosen], residual_px[chosen], ".", color=colour, ms=2.5)
     known = np.abs(residual_px[frame.used & np.isfinite(residual_px)])
-    # a few stray columns must not flatten all others
+    # outliers must not determine the scale
     reach_px = max(LEAST_RESIDUAL_RANGE_PX, 1.3 * float(np.percentile(known, 98)) if known.size else 0.0)
-    axes.set_xlim(-0.5, (height_px if frame.quarters % 2 else width_px) - 0.5)
+    axes.set_xlim(-0.5, (height_px if frame.quarter_turns % 2 else width_px) - 0.5)
     axes.set_ylim(-reach_px, reach_px)
     axes.set_xlabel("column, px", fontsize=9, labelpad=1)
     axes.set_ylabel("found above\npredicted, px", fontsize=8, labelpad=1)
@@ -86,10 +94,10 @@ def _draw_residuals(
         axes.spines[side].set_visible(False)
 
 
-def funnel_picture(result: LocateResult, dem: Dem) -> bytes:
-    """A small map for each step of stage 1 with the cells that it left."""
-    steps = stages(result.details)
-    across = len(steps) if len(steps) <= FUNNEL_ACROSS + 1 else FUNNEL_ACROSS
+def stage1_maps(result: LocateResult, dem: Dem) -> bytes:
+    """A small map for each step of stage 1, with the cells left."""
+    steps = stage1_steps_of(result.details)
+    across = len(steps) if len(steps) <= MAPS_ACROSS + 1 else MAPS_ACROSS
     down = -(-len(steps) // across)
     bounds_m = dem_bounds_m(dem)
     aspect = (bounds_m[3] - bounds_m[2]) / (bounds_m[1] - bounds_m[0])
@@ -101,7 +109,7 @@ def funnel_picture(result: LocateResult, dem: Dem) -> bytes:
     grid.update(wspace=0.03, hspace=0.35 / (wide * aspect))
     for i, (name, cells, colour, area) in enumerate(steps):
         axes = figure.add_subplot(grid[i // across, i % across])
-        draw_relief(axes, dem, bounds_m, unit_m=1000.0, pixels=FUNNEL_PIXELS)
+        draw_relief(axes, dem, bounds_m, unit_m=1000.0, pixels=MAP_PIXELS)
         easting_m, northing_m = rowcol_to_metric(dem, cells[:, 0], cells[:, 1])
         axes.scatter(easting_m / 1000.0, northing_m / 1000.0, s=area, c=colour, marker="s", lw=0.0)
         axes.set_title(f"after {name}: {len(cells):,} cells", fontsize=10, loc="left", pad=3)
@@ -110,7 +118,9 @@ def funnel_picture(result: LocateResult, dem: Dem) -> bytes:
     return _webp(figure)
 
 
-def map_picture(result: LocateResult, places: Sequence[Place], dem: Dem, truth: Truth | None) -> bytes:
+def map_picture(
+    result: LocateResult, places: Sequence[CandidatePlace], dem: Dem, truth: Truth | None
+) -> bytes:
     """The whole DEM with all steps on one map, the fix or the numbered candidates."""
     west_m, east_m, south_m, north_m = dem_bounds_m(dem)
     figure = _figure(10.0, 1.0 + 9.0 * (north_m - south_m) / (east_m - west_m))
@@ -131,13 +141,15 @@ def map_picture(result: LocateResult, places: Sequence[Place], dem: Dem, truth: 
     return _webp(figure)
 
 
-def posterior_picture(places: Sequence[Place], posterior: Posterior, dem: Dem, truth: Truth | None) -> bytes:
-    """The surroundings of the likeliest places, the probability of each cell, and the 95 % ellipses."""
-    shown = places[:MOST_ZOOMED]
+def posterior_picture(
+    places: Sequence[CandidatePlace], posterior: Posterior, dem: Dem, truth: Truth | None
+) -> bytes:
+    """Maps around the most probable places, with the probability of each cell and the 95 % ellipses."""
+    shown = places[:MOST_DETAIL_MAPS]
     cell_m = max(dem.spacing_ns_m, dem.spacing_ew_m)
     views = [(place, max(_reach_m(place), CELLS_AROUND * cell_m)) for place in shown]
     if len(shown) == 1 and _reach_m(shown[0]) < 0.5 * views[0][1]:
-        views.append((shown[0], _reach_m(shown[0])))  # else the ellipse would be lost under its star
+        views.append((shown[0], _reach_m(shown[0])))  # otherwise the marker would cover the ellipse
     across = 1 if len(views) == 1 else 2 if len(views) in (2, 4) else 3
     down = -(-len(views) // across)
     size = 6.0 if across == 1 else 10.0 / across
@@ -149,15 +161,15 @@ def posterior_picture(places: Sequence[Place], posterior: Posterior, dem: Dem, t
     return _webp(figure)
 
 
-def _reach_m(place: Place) -> float:
+def _reach_m(place: CandidatePlace) -> float:
     return float(1.4 * np.sqrt(CHI2_95) * place.axes.major_m)
 
 
 def _draw_surroundings(
     axes: Axes,
-    place: Place,
+    place: CandidatePlace,
     half_m: float,
-    places: Sequence[Place],
+    places: Sequence[CandidatePlace],
     posterior: Posterior,
     dem: Dem,
     truth: Truth | None,
@@ -167,7 +179,7 @@ def _draw_surroundings(
     true_m = truth.metric(dem) if truth is not None else None
     if true_m is not None:
         off_m = ground_distance_m(dem.metric_crs, origin_m, true_m)
-        # a true place far away would make the ellipse a dot
+        # a distant true place would make the ellipse invisible
         half_m = max(half_m, 1.2 * off_m) if off_m < 8.0 * half_m else half_m
     bounds_m = (
         origin_m[0] - half_m * unit_m[0],
@@ -183,7 +195,7 @@ def _draw_surroundings(
         posterior.first_col - 0.5 + np.arange(cols + 1)[None, :],
     )
     probability = np.clip(posterior.probability, 0.0, None)
-    near = _near(posterior, place, probability)
+    near = _largest_nearby(posterior, place, probability)
     axes.pcolormesh(
         (easting_m - origin_m[0]) / unit_m[0],
         (northing_m - origin_m[1]) / unit_m[1],
@@ -226,7 +238,7 @@ def _draw_surroundings(
     few_ticks(axes, 5)
 
 
-def _near(posterior: Posterior, place: Place, probability: NDArray[np.float32]) -> float:
+def _largest_nearby(posterior: Posterior, place: CandidatePlace, probability: NDArray[np.float32]) -> float:
     """The highest probability around a place: colours are each map's own."""
     row, col = round(place.row) - posterior.first_row, round(place.col) - posterior.first_col
     part = probability[max(row - 3, 0) : max(row + 4, 0), max(col - 3, 0) : max(col + 4, 0)]

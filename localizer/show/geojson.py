@@ -11,7 +11,7 @@ from localizer.bundle import Bundle
 from localizer.dem.crs import wrapped_lon_deg
 from localizer.dem.lattice import Dem
 from localizer.fix import Fix
-from localizer.show.candidates import Place, ellipse_ring_lonlat
+from localizer.show.candidates import CandidatePlace, ellipse_ring_lonlat
 
 DECIMALS = 7
 """A centimetre."""
@@ -19,7 +19,7 @@ DECIMALS = 7
 Ring = list[tuple[float, float]]
 
 
-def candidates_geojson(places: Sequence[Place], fix: Fix, bundle: Bundle, dem: Dem) -> str:
+def candidates_geojson(places: Sequence[CandidatePlace], fix: Fix, bundle: Bundle, dem: Dem) -> str:
     """Points first, so that a program that takes the first feature takes the likeliest place."""
     features = [
         _feature(place, fix, bundle, "place", {"type": "Point", "coordinates": _rounded(place)})
@@ -30,7 +30,9 @@ def candidates_geojson(places: Sequence[Place], fix: Fix, bundle: Bundle, dem: D
     return json.dumps(collection, indent=1, allow_nan=False) + "\n"
 
 
-def _feature(place: Place, fix: Fix, bundle: Bundle, kind: str, geometry: dict[str, Any]) -> dict[str, Any]:
+def _feature(
+    place: CandidatePlace, fix: Fix, bundle: Bundle, kind: str, geometry: dict[str, Any]
+) -> dict[str, Any]:
     return {
         "type": "Feature",
         "geometry": geometry,
@@ -49,20 +51,20 @@ def _feature(place: Place, fix: Fix, bundle: Bundle, kind: str, geometry: dict[s
     }
 
 
-def _rounded(place: Place) -> list[float]:
+def _rounded(place: CandidatePlace) -> list[float]:
     return [wrapped_lon_deg(round(place.lon_deg, DECIMALS)), round(place.lat_deg, DECIMALS)]
 
 
-def _ellipse(place: Place, dem: Dem) -> dict[str, Any]:
+def _ellipse(place: CandidatePlace, dem: Dem) -> dict[str, Any]:
     lon_deg, lat_deg = ellipse_ring_lonlat(place, dem)
     if (around_pole := _around_pole(lon_deg, lat_deg)) is not None:
         return {"type": "Polygon", "coordinates": [around_pole]}
-    # in one piece around the place, wherever the longitudes leap
+    # longitudes relative to the place, so that the ring is not split at the date line
     lon_deg = place.lon_deg + (lon_deg - place.lon_deg + 180.0) % 360.0 - 180.0
     ring = list(zip(lon_deg.tolist(), lat_deg.tolist(), strict=True))
     limit = float(np.copysign(180.0, place.lon_deg))
     around = [(lon - 2.0 * limit, lat) for lon, lat in _clipped(ring, limit, beyond=True)]
-    # a part may be so thin that nothing is left of it when it is rounded
+    # a part may have no area after rounding
     parts = [part for part in map(_closed, (_clipped(ring, limit, beyond=False), around)) if _has_area(part)]
     if len(parts) < 2:
         return {"type": "Polygon", "coordinates": parts or [_closed(ring)]}

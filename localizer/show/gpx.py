@@ -8,12 +8,12 @@ from gpxpy.gpx import GPX, GPXWaypoint
 from localizer.bundle import Bundle
 from localizer.dem.crs import wrapped_lon_deg
 from localizer.fix import Fix
-from localizer.show.candidates import Place, place_description, place_name
+from localizer.show.candidates import CandidatePlace, place_description, place_name
 
 DECIMALS = 7
 
 
-def fix_gpx(places: Sequence[Place], fix: Fix, bundle: Bundle) -> str:
+def fix_gpx(places: Sequence[CandidatePlace], fix: Fix, bundle: Bundle) -> str:
     """The fix alone; all candidates where the result is ambiguous."""
     gpx = GPX()
     gpx.creator = "skyfix"

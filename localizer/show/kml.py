@@ -7,12 +7,12 @@ import simplekml
 from localizer.bundle import Bundle
 from localizer.dem.crs import wrapped_lon_deg
 from localizer.fix import Fix
-from localizer.show.candidates import Place, place_description, place_name
+from localizer.show.candidates import CandidatePlace, place_description, place_name
 
 DECIMALS = 7
 
 
-def fix_kml(places: Sequence[Place], fix: Fix, bundle: Bundle) -> str:
+def fix_kml(places: Sequence[CandidatePlace], fix: Fix, bundle: Bundle) -> str:
     """The fix alone; all candidates where the result is ambiguous. The points lie on the ground."""
     kml = simplekml.Kml(name=bundle.id)
     shown = places[:1] if fix.status == "fix" else places

@@ -1,4 +1,4 @@
-"""Several files of one result: each is made by itself, and one that fails costs none of the others."""
+"""Output of several files: each is made independently, and a failure does not prevent the others."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -26,7 +26,7 @@ class OutputParts:
 
     @contextmanager
     def part(self, name: str) -> Iterator[None]:
-        """While one part is made. Whatever it raises is kept, but for what ends the program."""
+        """Context in which one part is made; its exception is collected, except for those that end the program."""
         try:
             yield
         except SkyfixError as error:

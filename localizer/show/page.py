@@ -1,4 +1,4 @@
-"""A report's page: one HTML file with everything inside."""
+"""The HTML report: one self-contained file."""
 
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
@@ -13,17 +13,23 @@ from localizer.dem.info import dem_notes
 from localizer.dem.lattice import Dem
 from localizer.fix import Fix, Status, lat_lon
 from localizer.search.details import LocateResult
-from localizer.show.candidates import Place
-from localizer.show.figures import MOST_ZOOMED, frame_picture, funnel_picture, map_picture, posterior_picture
+from localizer.show.candidates import CandidatePlace
+from localizer.show.figures import (
+    MOST_DETAIL_MAPS,
+    frame_picture,
+    map_picture,
+    posterior_picture,
+    stage1_maps,
+)
 from localizer.show.posterior import Posterior
 from localizer.show.tables import (
     bias_table,
     bundle_table,
     fit_table,
     frame_table,
-    funnel_table,
     place_table,
     reading_table,
+    stage1_table,
     timing_table,
 )
 from localizer.show.text import notes, sigmas_off
@@ -44,7 +50,7 @@ def page(
     images: Mapping[str, NDArray[np.uint8]],
     result: LocateResult,
     dem: Dem,
-    places: Sequence[Place],
+    places: Sequence[CandidatePlace],
     posterior: Posterior | None,
     files: Sequence[tuple[str, str]],
     truth: Truth | None = None,
@@ -87,12 +93,12 @@ def page(
         places=places,
         truth=truth,
         map=_base64(map_picture(result, places, dem, truth)),
-        funnel=_base64(funnel_picture(result, dem)),
+        stage1_maps=_base64(stage1_maps(result, dem)),
         posterior=_base64(posterior_picture(places, posterior, dem, truth)) if posterior else None,
         posterior_sum=posterior.total if posterior else 0.0,
-        zoomed=MOST_ZOOMED,
+        zoomed=MOST_DETAIL_MAPS,
         place_table=place_table(places) if places else None,
-        funnel_table=funnel_table(result),
+        stage1_table=stage1_table(result),
         bias_table=bias_table(result, bundle),
         frame_table=frame_table(result, bundle),
         fit_table=fit_table(result.details.errors) if result.details.errors else None,
@@ -113,7 +119,7 @@ def _headline(fix: Fix) -> str:
 
 
 def _facts(
-    result: LocateResult, dem: Dem, places: Sequence[Place], truth: Truth | None
+    result: LocateResult, dem: Dem, places: Sequence[CandidatePlace], truth: Truth | None
 ) -> list[tuple[str, str]]:
     fix = result.fix
     if fix.position is None or not places:

@@ -1,4 +1,4 @@
-"""The picture of a fix: the frames with their skylines, beside a map of how the search closed in on the place."""
+"""The plot of a fix: the frames with their skylines, and a map with the cells left after each step of stage 1."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -33,7 +33,7 @@ STAGE_COLOURS = LinearSegmentedColormap.from_list(
 """From the first step of stage 1 to the last."""
 STAGE_AREA = 6000.0
 SMALLEST_AREA, LARGEST_AREA = 1.6, 40.0
-"""All squares of a step cover so many points^2 together, each of them no less and no more than these."""
+"""Total area of the markers of a step, points^2; least and largest area of one marker."""
 MOST_CELLS_OUTLINED = 25
 MOST_LARGE_ENTRIES = 9
 
@@ -59,7 +59,7 @@ def draw_fix(
     right = GridSpecFromSubplotSpec(2, 1, whole[0, 1], height_ratios=(2.3, 1.0), hspace=0.2)
     draw_map(figure.add_subplot(right[0, 0]), result, dem, truth)
     below = GridSpecFromSubplotSpec(1, 2, right[1, 0], width_ratios=(1.25, 1.0), wspace=0.05)
-    _draw_zoom(figure.add_subplot(below[0, 0]), result, dem, truth)
+    _draw_detail(figure.add_subplot(below[0, 0]), result, dem, truth)
     _draw_legend(figure.add_subplot(below[0, 1]), result, truth)
     figure.savefig(path)
 
@@ -112,7 +112,7 @@ def draw_frame(axes: Axes, image: NDArray[np.uint8], frame: FrameDetail, residua
     height_px, width_px = image.shape[:2]
     axes.imshow(image[:, :, ::-1], interpolation="antialiased")
     for chosen, colour in ((~frame.used, DOUBTFUL), (frame.used, FOUND)):
-        u_px, v_px = _broken_line(frame, frame.found_u_px[chosen], frame.found_v_px[chosen])
+        u_px, v_px = _line_with_gaps(frame, frame.found_u_px[chosen], frame.found_v_px[chosen])
         axes.plot(u_px, v_px, color=colour, lw=2.8, solid_capstyle="round")
     order = np.argsort(frame.turned_px(frame.predicted_u_px, frame.predicted_v_px)[0])
     axes.plot(
@@ -128,8 +128,8 @@ def draw_frame(axes: Axes, image: NDArray[np.uint8], frame: FrameDetail, residua
     axes.set_title(f"{frame.label}{residual}", fontsize=11, loc="left", pad=4)
 
 
-def _broken_line(frame: FrameDetail, u_px: Floats, v_px: Floats) -> tuple[Floats, Floats]:
-    """The points in the order of their columns, once the frame has its sky up, with a gap wherever columns are missing."""
+def _line_with_gaps(frame: FrameDetail, u_px: Floats, v_px: Floats) -> tuple[Floats, Floats]:
+    """The points ordered by the columns of the upright frame, with NaN where columns are missing."""
     column_px = frame.turned_px(u_px, v_px)[0]
     order = np.argsort(column_px)
     u_px, v_px = u_px[order], v_px[order]
@@ -143,7 +143,7 @@ def _broken_line(frame: FrameDetail, u_px: Floats, v_px: Floats) -> tuple[Floats
 def draw_map(axes: Axes, result: LocateResult, dem: Dem, truth: Truth | None) -> None:
     """The whole DEM, in kilometres of its metric CRS, with what each step of stage 1 left."""
     draw_relief(axes, dem, dem_bounds_m(dem), unit_m=1000.0)
-    for _, cells, colour, area in stages(result.details):
+    for _, cells, colour, area in stage1_steps_of(result.details):
         easting_m, northing_m = rowcol_to_metric(dem, cells[:, 0], cells[:, 1])
         axes.scatter(
             easting_m / 1000.0, northing_m / 1000.0, s=area, c=colour, marker="s", lw=0.0, rasterized=True
@@ -154,7 +154,7 @@ def draw_map(axes: Axes, result: LocateResult, dem: Dem, truth: Truth | None) ->
     few_ticks(axes, 7)
 
 
-def stages(details: LocateDetails) -> list[tuple[str, NDArray[np.int64], str, float]]:
+def stage1_steps_of(details: LocateDetails) -> list[tuple[str, NDArray[np.int64], str, float]]:
     """Name, cells, colour and area of a cell's mark for each step; the last step always has the last colour."""
     steps = list(details.survivors.items())
     along = np.linspace(1.0, 0.0, len(steps))[::-1]
@@ -169,8 +169,8 @@ def stages(details: LocateDetails) -> list[tuple[str, NDArray[np.int64], str, fl
     ]
 
 
-def _draw_zoom(axes: Axes, result: LocateResult, dem: Dem, truth: Truth | None) -> None:
-    """The surroundings of the fix, so large that its ellipse can be seen; metres of the ground from the fix."""
+def _draw_detail(axes: Axes, result: LocateResult, dem: Dem, truth: Truth | None) -> None:
+    """A detail map around the fix, scaled so that its ellipse is visible; metres on the ground from the fix."""
     position, covariance_m2 = result.fix.position, result.fix.covariance_m2
     if position is None or covariance_m2 is None:
         axes.axis("off")
@@ -180,7 +180,7 @@ def _draw_zoom(axes: Axes, result: LocateResult, dem: Dem, truth: Truth | None) 
     half_m = 1.5 * np.sqrt(CHI2_95) * one_sigma.major_m
     if truth is not None:
         off_m = truth.distance_m(position, dem)
-        # a true place far away would make the ellipse a dot again
+        # a distant true place would make the ellipse invisible again
         half_m = max(half_m, 1.3 * off_m) if off_m < 12.0 * half_m else half_m
     unit_m = map_metres(dem.metric_crs, *origin_m).axis_scales
     bounds_m = (
@@ -271,7 +271,7 @@ TRUE_MARKS = (
 
 
 def few_ticks(axes: Axes, most: int) -> None:
-    """At round numbers that are written out, ``most`` of them along each axis."""
+    """Ticks at round numbers, at most ``most`` along each axis."""
     axes.tick_params(labelsize=9)
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(MaxNLocator(nbins=most, steps=[1, 2, 5, 10]))
@@ -285,7 +285,7 @@ def _draw_legend(axes: Axes, result: LocateResult, truth: Truth | None) -> None:
             Line2D([], [], ls="", marker="s", mfc=colour, mec="none", ms=7.0),
             f"{len(cells):,} cells left after {name}",
         )
-        for name, cells, colour, _ in stages(result.details)
+        for name, cells, colour, _ in stage1_steps_of(result.details)
     ]
     if result.fix.status == "ambiguous":
         handles.append((CANDIDATE_MARK, f"{len(result.fix.candidates)} candidates"))

@@ -1,4 +1,4 @@
-"""How probable each cell of the DEM is: the candidates' Gaussians added up, as a raster on the DEM's own grid."""
+"""Posterior raster: the sum of the candidates' Gaussians, integrated over each cell of the DEM."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from localizer.dem.geodesy import metric_to_rowcol
 from localizer.dem.lattice import Dem
-from localizer.show.candidates import Place
+from localizer.show.candidates import CandidatePlace
 
 Floats = NDArray[np.float64]
 
@@ -20,14 +20,14 @@ POINT_SPACING_CELLS = 0.2
 FEWEST_POINTS, MOST_POINTS = 101, 1501
 """Per axis of an ellipse."""
 MARGIN_CELLS = 8
-"""Around all that is probable, so that a map shows some of the surroundings."""
+"""Margin around the cells of non-negligible probability."""
 SMALLEST_PROBABILITY = 1e-9
 NODATA = -1.0
 
 
 @dataclass(frozen=True)
 class Posterior:
-    """Part of the DEM's grid that holds all that is probable."""
+    """The part of the DEM's grid with non-negligible probability."""
 
     probability: NDArray[np.float32]
     """(rows, cols) of each cell; NODATA where the DEM is void."""
@@ -44,14 +44,14 @@ class Posterior:
         return dem.transform @ Affine.translation(self.first_col, self.first_row)
 
 
-def posterior(places: Sequence[Place], dem: Dem) -> Posterior:
-    """Spread each place's probability over the cells that its Gaussian covers.
+def posterior(places: Sequence[CandidatePlace], dem: Dem) -> Posterior:
+    """Integrate each place's Gaussian over the cells.
 
-    What falls outside the DEM is lost: the sum is the probability that the camera stands on the DEM.
+    Probability outside the DEM is omitted: the sum is the probability that the camera stands on the DEM.
     """
     cells, masses = zip(*(_spread(place, dem) for place in places), strict=True)
     rowcol, mass = np.concatenate(cells), np.concatenate(masses)
-    if len(rowcol) == 0:  # all lies beyond the DEM: an empty part of it, next to the likeliest place
+    if len(rowcol) == 0:  # all beyond the DEM: an empty part next to the most probable place
         rowcol = np.clip(np.round([[places[0].row, places[0].col]]), 0, (dem.rows - 1, dem.cols - 1))
         rowcol, mass = rowcol.astype(np.int64), np.zeros(1)
     first = np.maximum(rowcol.min(axis=0) - MARGIN_CELLS, 0)
@@ -63,11 +63,10 @@ def posterior(places: Sequence[Place], dem: Dem) -> Posterior:
     return Posterior(probability.astype(np.float32), int(first[0]), int(first[1]))
 
 
-def _spread(place: Place, dem: Dem) -> tuple[NDArray[np.int64], Floats]:
-    """Cells (n, 2) of the DEM and the probability in each: a Gaussian's, sampled along the axes of its ellipse.
+def _spread(place: CandidatePlace, dem: Dem) -> tuple[NDArray[np.int64], Floats]:
+    """Cells (n, 2) of the DEM and the probability in each, by sampling a Gaussian along the axes of its ellipse.
 
-    The points lie as close as the cells ask for along each axis, so that an ellipse much smaller than a cell and one much
-    longer than wide both come out right.
+    The spacing along each axis depends on the cells, so that very small and very elongated ellipses are integrated accurately.
     """
     step_m = 10.0
     row, col = metric_to_rowcol(

@@ -14,12 +14,12 @@ Floats = NDArray[np.float64]
 TINTS = LinearSegmentedColormap.from_list(
     "relief", ["#a9b99b", "#c6c9a6", "#d9d0ae", "#cdb99b", "#c9c0b6", "#e9e6e3", "#ffffff"]
 )
-"""From the lowest ground to the highest; pale, so that what is drawn on top stands out."""
+"""From the lowest ground to the highest; pale, so that overlays are visible."""
 VOID_GREY = 0.93
 PIXELS = 900
 """Of the longer side."""
 COUNTED = 1_000_000
-"""About so many cells tell the range of the tints."""
+"""About so many cells are sampled for the range of the tints."""
 
 
 def draw_relief(
@@ -61,9 +61,7 @@ def relief_image(dem: Dem, bounds_m: tuple[float, float, float, float], pixels: 
     easting_m = west_m + (np.arange(across) + 0.5) * (east_m - west_m) / across
     northing_m = north_m - (np.arange(down) + 0.5) * (north_m - south_m) / down
     z_m = dem.ground_m(*metric_to_rowcol(dem, *np.meshgrid(easting_m, northing_m)))
-    every = max(
-        1, dem.rows * dem.cols // COUNTED
-    )  # of tens of millions of cells, some tell the range as well as all
+    every = max(1, dem.rows * dem.cols // COUNTED)  # a sample of the cells is enough for the range
     lowest_m, highest_m = np.nanpercentile(dem.z_m.ravel()[::every], (0.5, 99.8))
     tint = TINTS((z_m - lowest_m) / max(highest_m - lowest_m, 1.0))[..., :3]
     # slopes are of the ground, and over about a cell: over less, the facets of the bilinear surface show

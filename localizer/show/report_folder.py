@@ -1,4 +1,4 @@
-"""All files of a report in one folder, each of them complete or absent."""
+"""The report folder: HTML page and export files, each complete or absent."""
 
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
@@ -12,7 +12,7 @@ from localizer.bundle import Bundle
 from localizer.dem.lattice import Dem
 from localizer.errors import SkyfixError
 from localizer.search.details import LocateResult
-from localizer.show.candidates import Place, places
+from localizer.show.candidates import CandidatePlace, places
 from localizer.show.geojson import candidates_geojson
 from localizer.show.gpx import fix_gpx
 from localizer.show.kml import fix_kml
@@ -58,7 +58,7 @@ def write_report(
     ``SkyfixError`` that is raised when all others are written. ``images``: each frame's picture, BGR, by label.
     """
     parts = OutputParts()
-    found: tuple[Place, ...] = ()
+    found: tuple[CandidatePlace, ...] = ()
     spread: Posterior | None = None
     with parts.part(f"--report: {folder}: the places"):
         found = places(result, dem)
@@ -79,14 +79,14 @@ def write_report(
 
 
 def files_beside(
-    found: Sequence[Place], spread: Posterior, bundle: Bundle, result: LocateResult, dem: Dem
+    found: Sequence[CandidatePlace], spread: Posterior, bundle: Bundle, result: LocateResult, dem: Dem
 ) -> dict[str, bytes]:
     """The contents of all files but the page, by name."""
     return {name: contents() for name, contents in _exporters(found, spread, bundle, result, dem).items()}
 
 
 def _exporters(
-    found: Sequence[Place], spread: Posterior | None, bundle: Bundle, result: LocateResult, dem: Dem
+    found: Sequence[CandidatePlace], spread: Posterior | None, bundle: Bundle, result: LocateResult, dem: Dem
 ) -> dict[str, Callable[[], bytes]]:
     """What makes the contents of each file but the page, by name."""
     exporters: dict[str, Callable[[], bytes]] = {}
@@ -100,7 +100,7 @@ def _exporters(
 
 
 def _replace_all(folder: Path, content: Mapping[str, bytes]) -> None:
-    """Write all files aside, then rename them one by one, so that nobody ever sees half a file."""
+    """Write all files to a temporary folder, then rename them one by one, so that no file is ever incomplete."""
     name = ""
     try:
         with tempfile.TemporaryDirectory(prefix=".report-", dir=folder) as aside:

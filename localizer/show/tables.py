@@ -7,8 +7,8 @@ import numpy as np
 
 from localizer.bundle import Bundle
 from localizer.observation import NO_COMPASS_SIGMA_DEG
-from localizer.search.details import CONTRADICTS, FrameDetail, LocateResult, SolvedErrors
-from localizer.show.candidates import Place
+from localizer.search.details import INCONSISTENT_BELOW, FrameDetail, LocateResult, SolvedErrors
+from localizer.show.candidates import CandidatePlace
 
 FAR_SIGMAS = 3.0
 
@@ -19,7 +19,7 @@ class Cell:
 
     text: str
     far: bool = False
-    """Whether it deserves a second look."""
+    """Whether the value is unusual and highlighted."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Table:
     heads: tuple[str, ...]
     rows: tuple[tuple[Cell, ...], ...]
     text_columns: frozenset[int]
-    """Columns that hold words."""
+    """Columns with text instead of numbers."""
 
 
 def _table(heads: Sequence[str], rows: Iterable[Sequence[Cell | str]], words: Iterable[int] = (0,)) -> Table:
@@ -40,7 +40,7 @@ def _table(heads: Sequence[str], rows: Iterable[Sequence[Cell | str]], words: It
     )
 
 
-def place_table(places: Sequence[Place]) -> Table:
+def place_table(places: Sequence[CandidatePlace]) -> Table:
     """Every place by rank."""
     return _table(
         ("rank", "probability", "latitude", "longitude", "easting", "northing", "1 sigma", "towards", "rms"),
@@ -61,7 +61,7 @@ def place_table(places: Sequence[Place]) -> Table:
     )
 
 
-def funnel_table(result: LocateResult) -> Table:
+def stage1_table(result: LocateResult) -> Table:
     """Cells left after each step of the first stage, as in the paper's Table I."""
     stage1 = result.fix.stage1
     steps = [
@@ -84,7 +84,7 @@ def funnel_table(result: LocateResult) -> Table:
 
 
 def bias_table(result: LocateResult, bundle: Bundle) -> Table | None:
-    """What all frames share; None where nothing was solved for."""
+    """Errors that all frames share; None without a place."""
     nuisance, errors = result.fix.nuisance, result.details.errors
     if nuisance is None:
         return None
@@ -122,10 +122,10 @@ def _sigmas(error: float, sigma: float) -> Cell:
 
 
 def frame_table(result: LocateResult, bundle: Bundle) -> Table:
-    """How much of each frame's skyline was found, used and explained, and the frame's own errors."""
+    """For each frame: the shares of the skyline found, used and explained, and the frame's own errors."""
     rows: list[tuple[Cell | str, ...]] = []
     for detail, frame in zip(result.details.frames, bundle.frames, strict=True):
-        width_px = bundle.camera.height_px if detail.quarters % 2 else bundle.camera.width_px
+        width_px = bundle.camera.height_px if detail.quarter_turns % 2 else bundle.camera.width_px
         residual_px = result.fix.residual.get(frame.label)
         row: list[Cell | str] = [
             frame.label,
@@ -162,11 +162,11 @@ def _agreement(frame: FrameDetail) -> Cell:
     if frame.agreement is None:
         return Cell("left out" if frame.left_out else "", far=frame.left_out)
     share = f"{100.0 * frame.agreement:.0f} %"
-    return Cell(f"{share}, left out" if frame.left_out else share, far=frame.agreement < CONTRADICTS)
+    return Cell(f"{share}, left out" if frame.left_out else share, far=frame.agreement < INCONSISTENT_BELOW)
 
 
 def fit_table(errors: SolvedErrors) -> Table:
-    """What the residuals say about the elevation model and about the fit."""
+    """DEM error and goodness of fit, by the residuals."""
     return _table(
         ("quantity", "value", "what it means"),
         (
@@ -175,12 +175,12 @@ def fit_table(errors: SolvedErrors) -> Table:
                 f"{errors.dem_error_m:.1f} m",
                 "one standard deviation of the ridges' elevations, estimated from the residuals"
                 if errors.dem_error_m > 0.0
-                else "as told: the model is the terrain itself",
+                else "declared exact, and it fits",
             ),
             (
                 "correlation",
                 f"{errors.correlation_columns:.1f} columns",
-                "so many neighbouring columns say as much as one independent one",
+                "columns per effective sample: neighbouring columns are correlated",
             ),
             (
                 "columns that fit",
@@ -189,14 +189,14 @@ def fit_table(errors: SolvedErrors) -> Table:
                 "that the model lacks",
             ),
             (
-                "strain on the readings",
+                "normalised errors of the readings",
                 f"{errors.prior_chi2:.1f}",
                 "sum of the squared errors of all sensors, each in its own standard deviations",
             ),
             (
                 "evidence",
                 f"{errors.evidence:.0f}",
-                "logarithm of how much better than chance the terrain explains the skylines",
+                "log Bayes factor: how much better the place explains the skylines than an unrelated one does",
             ),
         ),
         (0, 2),

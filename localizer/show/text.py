@@ -1,4 +1,4 @@
-"""A fix in words, and beside the truth where that is known."""
+"""A fix as text, with its error if the truth is known."""
 
 import numpy as np
 
@@ -8,16 +8,16 @@ from localizer.dem.geodesy import meridian_convergence_deg
 from localizer.dem.ground import ground_offset_m, map_metres
 from localizer.dem.lattice import Dem
 from localizer.fix import Fix, Position, ellipse, lat_lon
-from localizer.search.details import CONTRADICTS, LocateDetails, LocateResult
-from localizer.search.doubts import altitude_note, reason_note
+from localizer.search.altitude_reference import altitude_note, reason_note
+from localizer.search.details import INCONSISTENT_BELOW, LocateDetails, LocateResult
 from localizer.truth import Truth
 
 CHI2_95 = 5.991
-"""95 % of a normal distribution in the plane lies within this squared distance in sigmas."""
+"""95 % quantile of the chi-square distribution with two degrees of freedom: the 95 % ellipse."""
 
-MUCH_AT_RIM = 0.2
+NOTED_DEM_EDGE_SHARE = 0.2
 NOTED_SCALE = 0.01
-"""Where a map's metre differs by more, it is said."""
+"""A map scale that differs from 1 by more is noted."""
 
 
 def sigmas_off(fix: Fix, truth: Truth, dem: Dem) -> float:
@@ -28,7 +28,7 @@ def sigmas_off(fix: Fix, truth: Truth, dem: Dem) -> float:
     return float(np.sqrt(off_m @ np.linalg.solve(np.array(fix.covariance_m2), off_m)))
 
 
-def report(fix: Fix, dem: Dem, truth: Truth | None = None) -> str:
+def fix_text(fix: Fix, dem: Dem, truth: Truth | None = None) -> str:
     """The fix in lines for people to read."""
     lines = [f"bundle      {fix.bundle}", f"status      {STATUS_IN_WORDS[fix.status]}"]
     if fix.reason is not None:
@@ -36,7 +36,9 @@ def report(fix: Fix, dem: Dem, truth: Truth | None = None) -> str:
     if fix.position is not None:
         lines += _position_lines(fix, fix.position, dem)
     if fix.position is not None and truth is not None:
-        lines.append(f"true error  {truth.distance_m(fix.position, dem):.1f} m  ({_off(fix, truth, dem)})")
+        lines.append(
+            f"true error  {truth.distance_m(fix.position, dem):.1f} m  ({_error_in_sigmas(fix, truth, dem)})"
+        )
     lines += [
         f"{'candidate' if i else 'candidates':11} {c.easting_m:.1f} E  {c.northing_m:.1f} N  "
         f"probability {c.probability:.3f}  rms {c.rms_px:.2f} px"
@@ -47,7 +49,7 @@ def report(fix: Fix, dem: Dem, truth: Truth | None = None) -> str:
 
 
 def notes(result: LocateResult, bundle: Bundle, dem: Dem) -> list[str]:
-    """What a person should know beside the fix, one line each: of single frames, and why nothing may have been found."""
+    """Notes for users beside the fix, one line each: on single frames, and on possible causes of a ``none``."""
     said = frame_notes(result.details)
     errors, stage1 = result.details.errors, result.fix.stage1
     if dem.error_m == 0.0 and errors is not None and errors.dem_error_m > 0.0:
@@ -67,20 +69,20 @@ def notes(result: LocateResult, bundle: Bundle, dem: Dem) -> list[str]:
     reason = (
         reason_note(result.fix) if dem.shift.known else None
     )  # the DEM's own notes say what is not known of it
-    if reason is not None and not (empty and _says_no_more(reason, bundle)):
+    if reason is not None and not (empty and _is_redundant(reason, bundle)):
         said.append(reason)
     return said
 
 
-def _says_no_more(reason: str, bundle: Bundle) -> bool:
-    """Than that no ground lies as high as the altitude."""
+def _is_redundant(reason: str, bundle: Bundle) -> bool:
+    """Whether a reason only says that no ground lies at the altitude, which another note says already."""
     from localizer.search.reasons import no_ground_at_altitude  # beside the search, which is slow to import
 
     return bundle.altitude is not None and reason == no_ground_at_altitude(bundle.altitude.value_m).text
 
 
 def frame_notes(details: LocateDetails) -> list[str]:
-    """What a person should know of single frames, one line each; none where all of them were used and agree."""
+    """Notes on single frames, one line each; none if all frames were used and agree."""
     notes = []
     for frame in details.frames:
         share = "" if frame.agreement is None else f"{100.0 * frame.agreement:.0f} %"
@@ -91,11 +93,11 @@ def frame_notes(details: LocateDetails) -> list[str]:
                 f"frame {frame.label}: left out, for it contradicts the others; {share} of its skyline fits the place "
                 "that they agree on; look at its picture, azimuth, tilt and roll"
             )
-        elif frame.agreement is not None and frame.agreement < CONTRADICTS:
+        elif frame.agreement is not None and frame.agreement < INCONSISTENT_BELOW:
             notes.append(f"frame {frame.label}: only {share} of its skyline fits the place found")
-        if frame.rim_share > MUCH_AT_RIM:
+        if frame.dem_edge_share > NOTED_DEM_EDGE_SHARE:
             notes.append(
-                f"frame {frame.label}: {frame.rim_share:.0%} of its horizon lies where the DEM ends or has voids, and "
+                f"frame {frame.label}: {frame.dem_edge_share:.0%} of its horizon lies where the DEM ends or has voids, and "
                 "tells nothing; a DEM that goes on there would help"
             )
     return notes
@@ -109,18 +111,18 @@ STATUS_IN_WORDS = {
 
 
 def _datum(dem: Dem) -> str:
-    """What latitudes and longitudes are worth."""
+    """Datum of latitudes and longitudes, and its accuracy."""
     if not dem.shift.known:
         return "not on WGS84: the DEM's datum is not known"
     return f"WGS84, datum good to {dem.shift.accuracy_m:g} m" if dem.shift.accuracy_m else "WGS84"
 
 
-def _off(fix: Fix, truth: Truth, dem: Dem) -> str:
+def _error_in_sigmas(fix: Fix, truth: Truth, dem: Dem) -> str:
     return "no sigma" if fix.covariance_m2 is None else f"{sigmas_off(fix, truth, dem):.1f} sigma"
 
 
 def _map_name(position: Position, dem: Dem) -> str:
-    """The map's name, and how long its metre is on the ground where that is a matter."""
+    """The map's name, and its scale if that differs noticeably from 1."""
     name = readable_name(dem.metric_crs)
     scale = map_metres(dem.metric_crs, *position.easting_northing_m).scale
     return (
@@ -147,9 +149,9 @@ def _position_lines(fix: Fix, position: Position, dem: Dem) -> list[str]:
 
 def _search_lines(fix: Fix) -> list[str]:
     stage1 = fix.stage1
-    funnel = [f"{stage1.cells} cells", f"altitude {stage1.after_altitude}"]
-    funnel += [f"{label} {left}" for label, left in stage1.after.items()]
-    lines = [f"stage 1     {' > '.join(funnel)}  ({stage1.points_explored} points explored)"]
+    stage1_steps = [f"{stage1.cells} cells", f"altitude {stage1.after_altitude}"]
+    stage1_steps += [f"{label} {left}" for label, left in stage1.after.items()]
+    lines = [f"stage 1     {' > '.join(stage1_steps)}  ({stage1.points_explored} points explored)"]
     if fix.residual:
         residual = "  ".join(f"{label} {value:.2f}" for label, value in fix.residual.items())
         lines.append(f"residual    {residual}  px")

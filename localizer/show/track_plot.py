@@ -1,4 +1,4 @@
-"""The picture of a track: all hypotheses on the whole DEM, and the way from stop to stop from near by."""
+"""The plot of a track: all hypotheses on the whole DEM, and a detail map of the movements between the stops."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,8 +20,8 @@ from localizer.show.plot import TRUE_MARKS
 from localizer.show.relief import dem_bounds_m, draw_relief
 from localizer.show.text import CHI2_95
 from localizer.track.document import TrackHypothesis, TrackLine, track_line
+from localizer.track.gaussian_place import matrix
 from localizer.track.odometry import Odometry
-from localizer.track.places import matrix
 from localizer.track.tracker import Step
 from localizer.truth import Truth
 
@@ -31,7 +31,7 @@ Bounds = tuple[float, float, float, float]
 
 STOPS = colormaps["plasma"]
 LEAST_ZOOM_CELLS = 12.0
-"""Half the side of the map from near by is at least so many cells."""
+"""Least half side of the detail map, in cells."""
 SMALLEST_AREA, LARGEST_AREA = 14.0, 130.0
 """Of a hypothesis's mark, points^2, by its probability."""
 LEAST_DRAWN = 0.01
@@ -84,7 +84,7 @@ def _title(lines: Sequence[TrackLine]) -> str:
 
 
 def _zoom(lines: Sequence[TrackLine], truths: Sequence[Truth], dem: Dem, everything: Bounds) -> Bounds:
-    """Around the fixes; around the likeliest places where there is none; all of the DEM failing these."""
+    """Bounds around the fixes, else around the most probable places, else of the whole DEM."""
     fixes = [line.fix.position for line in lines if line.fix.status == "fix" and line.fix.position]
     points = [(p.easting_m, p.northing_m) for p in fixes] or [
         (line.hypotheses[0].easting_m, line.hypotheses[0].northing_m) for line in lines if line.hypotheses
@@ -176,7 +176,7 @@ def _draw_legs(
     unit_m: tuple[float, float],
     origin_m: tuple[float, float],
 ) -> None:
-    """What the odometry says of the way from each place where the vehicle may have stood, as an arrow."""
+    """The movement by odometry from each hypothesis, as an arrow."""
     for line, leg in zip(lines[:-1], odometry, strict=True):
         if leg is None:
             continue

@@ -1,8 +1,8 @@
-"""The cheapest boundary between sky and terrain, one row per column, by dynamic programming.
+"""The boundary between sky and terrain of minimum cost, one row per column, by dynamic programming (min-marginals).
 
-A boundary at row r of a column says: pixels 0..r-1 are sky, pixels r.. are terrain. r = 0 is a column without sky,
-r = height one without terrain. From one column to the next the boundary may move any number of rows; each pixel side
-that it runs along on the way costs what that side costs, so a cliff is cheap where there is a visible edge.
+With a boundary at row r of a column, pixels 0..r-1 are sky and pixels r.. are terrain. r = 0 is a column without sky, r =
+height one without terrain. From one column to the next the boundary may move any number of rows. Each vertical pixel side
+along the way has its own cost, which is small at a visible edge, so that cliffs are possible.
 """
 
 import numpy as np
@@ -13,7 +13,7 @@ from localizer.jit import kernel
 
 @kernel()
 def _spread(cost: NDArray[np.float32], step: NDArray[np.float32]) -> None:
-    """Lower every entry of `cost` to what reaching it from another row costs; step[r] is for r <-> r + 1."""
+    """Lower each entry of `cost` to the minimum over paths from other rows; step[r] is the cost of r <-> r + 1."""
     n = cost.size
     for r in range(1, n):
         cost[r] = min(cost[r], cost[r - 1] + step[r - 1])
@@ -30,8 +30,8 @@ def min_marginals(unary: NDArray[np.float32], step: NDArray[np.float32]) -> NDAr
         step: (width - 1, height), cost of the boundary running down the side between column i and i + 1 at this row.
 
     Returns:
-        (width, height + 1): the minimum over all boundaries that pass there. The row-wise argmin is the best boundary,
-        and how much dearer the other rows are says how sure that is.
+        (width, height + 1): the minimum over all boundaries through that point. The argmin of each column is the best
+        boundary; the margin of the other rows measures its certainty.
     """
     width, states = unary.shape
     out = np.empty((width, states), np.float32)

@@ -1,11 +1,11 @@
-"""Where exactly the edge lies: sub-pixel rows at full resolution near a rough boundary.
+"""Sub-pixel edge localisation at full resolution, near a rough boundary.
 
-Two steps. First the boundary is followed again pixel by pixel in a narrow band around the rough one, on the brightness
-projected onto the local sky-minus-terrain colour. Then a blurred step is fitted to each column's profile by least
-squares: sky level, terrain level and edge row are free, the blur is the picture's own (one number for all columns).
+First the boundary is traced again pixel by pixel in a narrow band around the rough one, on the brightness projected onto the
+local sky-minus-terrain colour. Then a step blurred by a Gaussian is fitted to each column's profile by least squares. Sky
+level, terrain level and edge row are free; the blur is one value for the whole image.
 
-A lens mixes light, not display values: on a bright sky above dark terrain the difference is a few tenths of a pixel.
-So the fit is done in linear light; only a picture so crisp that no lens can have made it is taken at its display values.
+A lens averages light, not display values; between a bright sky and dark terrain the difference is a few tenths of a pixel. The
+fit therefore uses linear light. Only an image sharper than any lens produces is fitted in display values.
 """
 
 import math
@@ -31,7 +31,7 @@ _DISPLAY = np.arange(256, dtype=np.float64)
 _LINEAR = 255.0 * np.where(
     _DISPLAY <= 0.04045 * 255, _DISPLAY / (255 * 12.92), ((_DISPLAY / 255 + 0.055) / 1.055) ** 2.4
 )
-"""Display values (sRGB) as light, on the scale 0..255."""
+"""Linear light of display values (sRGB), on the scale 0..255."""
 
 
 @dataclass(frozen=True)
@@ -39,8 +39,8 @@ class Edge:
     """The edge per column, each (width,).
 
     Attributes:
-        row_px: where it lies.
-        sigma_px: one standard deviation of that.
+        row_px: row of the edge.
+        sigma_px: its standard deviation.
         contrast: sky minus terrain in grey levels, along the colour that separates them; 0 where no step could be fitted.
         noise: grey levels, one number for the picture's sky.
     """
@@ -67,7 +67,7 @@ def refine_edge(image_bgr: NDArray[np.uint8], rough_row_px: Floats, scale: float
     top = np.round(rough_row_px).astype(np.int64) - half + 1
     band = _profiles(image_bgr, _DISPLAY, top, half, 6)
     noise = max(1.4826 * float(np.median(np.abs(np.diff(band[:, : half - 1], n=2, axis=1)))) / 2.45, 0.5)
-    unary, step = _follow_costs(_departure(image_bgr, top, half, allowed, 6), top, noise, allowed)
+    unary, step = _follow_costs(_sky_distance(image_bgr, top, half, allowed, 6), top, noise, allowed)
     followed = min_marginals(unary, step).argmin(axis=1) - (top - top.min()) - 0.5
     absolute = followed + top
     slope = _slope(absolute)
@@ -132,12 +132,12 @@ def _profiles(
 
 
 @kernel()
-def _departure(
+def _sky_distance(
     image: NDArray[np.uint8], top: NDArray[np.int64], half: int, allowed: int, smooth: int
 ) -> Floats32:
-    """Band as of `_profiles`, but of how far each pixel's colour is from the sky's, negative; (width, 2 * half).
+    """Negative distance of each pixel's colour from the sky's, in a band as of `_profiles`; (width, 2 * half).
 
-    Where snow and rock take turns below the sky there is no one colour of terrain to project onto.
+    With snow and rock side by side there is no single terrain colour to project onto.
     """
     height, width = image.shape[:2]
     rows = half - allowed
@@ -295,8 +295,8 @@ def _fit_columns(
 def _blur(band: Floats32, start: Floats, slope: Floats) -> float:
     """The blur that fits a sample of columns best."""
     every = max(1, start.size // _SAMPLED_COLUMNS)
-    left = []
+    relative_residual = []
     for blur in _BLURS_PX:
         _, contrast, variance, _ = _fit_columns(band, start, slope, blur, every)
-        left.append(float(np.median(np.sqrt(variance) / np.maximum(np.abs(contrast), 1.0))))
-    return _BLURS_PX[int(np.argmin(left))]
+        relative_residual.append(float(np.median(np.sqrt(variance) / np.maximum(np.abs(contrast), 1.0))))
+    return _BLURS_PX[int(np.argmin(relative_residual))]

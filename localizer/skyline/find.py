@@ -1,7 +1,8 @@
-"""The skyline in a picture: the sub-pixel row where sky ends and terrain begins, column by column, and how sure that is.
+"""Skyline detection: the sub-pixel row of the sky-terrain boundary in each column, with a confidence.
 
-The boundary is traced in a reduced picture (`sky_boundary`), placed exactly in the full one (`edge_position`), and
-judged: is there a skyline at all, is something standing in front of it (`protrusions`), could it as well run elsewhere.
+The boundary is traced in a reduced image (`sky_boundary`) and located to sub-pixels in the full image (`edge_position`). Then
+it is classified: whether the image has a skyline at all, whether foreground objects occlude it (`foreground_objects`),
+whether the boundary is of another kind (`false_boundaries`).
 """
 
 import math
@@ -12,16 +13,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from localizer.skyline.edge_position import refine_edge
-from localizer.skyline.lookalikes import lookalikes
-from localizer.skyline.paper_border import inside_border
-from localizer.skyline.protrusions import standing_out
+from localizer.skyline.false_boundaries import false_boundary_columns
+from localizer.skyline.foreground_objects import foreground_columns
+from localizer.skyline.reduced_image import ReducedImage, reduce_image
+from localizer.skyline.scan_border import inside_border
 from localizer.skyline.sky_boundary import SkyBoundary, trace_boundary
-from localizer.skyline.work_image import WorkImage, reduce_image
 
 CONFIDENT = 0.5
 """Columns with at least this confidence are what the search uses."""
 LEAST_PX = 16
-"""Less shows no skyline."""
+"""Least width and height of an image that is examined."""
 
 
 class ColumnState(IntEnum):
@@ -98,7 +99,7 @@ def find_skyline(image_bgr: NDArray[np.uint8]) -> Skyline:
             f"picture of shape {image_bgr.shape}, {image_bgr.dtype}: give (height, width, 3) in uint8"
         )
     if min(image_bgr.shape[:2]) < LEAST_PX:
-        return _without(image_bgr.shape[1], ColumnState.NO_TERRAIN)
+        return _no_skyline(image_bgr.shape[1], ColumnState.NO_TERRAIN)
     rows, columns = inside_border(image_bgr)
     inside = _in_picture(np.ascontiguousarray(image_bgr[rows, columns]))
     if inside.state.size == image_bgr.shape[1]:
@@ -113,13 +114,13 @@ def find_skyline(image_bgr: NDArray[np.uint8]) -> Skyline:
 
 
 def _in_picture(image_bgr: NDArray[np.uint8]) -> Skyline:
-    """`find_skyline` in a picture without a border."""
+    """`find_skyline` in an image without a border."""
     height, width = image_bgr.shape[:2]
     work = reduce_image(image_bgr)
     boundary = trace_boundary(work)
     frame_odds = _frame_log_odds(boundary)
-    if frame_odds < _NO_SKYLINE:
-        return _without(width, ColumnState.NO_SKY if _all_terrain(work) else ColumnState.NO_TERRAIN)
+    if frame_odds < _LEAST_FRAME_LOG_ODDS:
+        return _no_skyline(width, ColumnState.NO_SKY if _all_terrain(work) else ColumnState.NO_TERRAIN)
 
     h, w = work.texture.shape
     column = (np.arange(width) + 0.5) / work.scale_x - 0.5
@@ -128,8 +129,8 @@ def _in_picture(image_bgr: NDArray[np.uint8]) -> Skyline:
     edge = refine_edge(image_bgr, np.clip(rough_px, 0.5, height - 1.5), work.scale_y)
 
     confidence = _likelihood(frame_odds + 2.5) * _likelihood(_column_log_odds(boundary) - 2.6)[nearest]
-    doubtful = boundary.contested | lookalikes(work, boundary)
-    confidence[standing_out(edge.row_px) | doubtful[nearest]] *= _IN_DOUBT
+    uncertain = boundary.uncertain | false_boundary_columns(work, boundary)
+    confidence[foreground_columns(edge.row_px) | uncertain[nearest]] *= _UNCERTAIN_FACTOR
     state = np.where(confidence >= CONFIDENT, ColumnState.OK, ColumnState.DOUBTFUL).astype(np.uint8)
     state[boundary.row[nearest] < 2] = ColumnState.NO_SKY
     state[boundary.row[nearest] > h - 2] = ColumnState.NO_TERRAIN
@@ -142,39 +143,39 @@ def _in_picture(image_bgr: NDArray[np.uint8]) -> Skyline:
     )
 
 
-_NO_SKYLINE = -1.5
-"""Log odds of a picture's having a skyline, below which it counts as having none."""
-_IN_DOUBT = 0.3
-"""Factor on the confidence where something stands in front of the terrain's skyline, or another boundary is as good."""
+_LEAST_FRAME_LOG_ODDS = -1.5
+"""Log-odds that an image has a skyline, below which it counts as having none."""
+_UNCERTAIN_FACTOR = 0.3
+"""Factor on the confidence at foreground objects, false boundaries, and where another boundary is about as good."""
 
 
-def _without(width: int, state: ColumnState) -> Skyline:
-    """A skyline that is nowhere."""
+def _no_skyline(width: int, state: ColumnState) -> Skyline:
+    """The result for an image without a skyline."""
     return Skyline(
         np.full(width, np.nan), np.full(width, np.nan), np.zeros(width), np.full(width, state, np.uint8)
     )
 
 
-def _all_terrain(work: WorkImage) -> bool:
-    """Whether a picture without a skyline shows terrain (or nothing, it being dark) rather than sky, by logistic regression."""
+def _all_terrain(work: ReducedImage) -> bool:
+    """Whether an image without a skyline shows terrain (or is dark) rather than sky, by logistic regression."""
     rough, bright, blue = np.median(work.texture), np.median(work.bright), np.median(work.blueness)
     return bool(2.3 + 1.9 * rough - 6.8 * bright - 7.7 * blue > 0)
 
 
 def _frame_log_odds(boundary: SkyBoundary) -> float:
-    """Log odds that the boundary is a skyline, not just some line in a picture that is all sky or all terrain.
+    """Log-odds that the boundary is a skyline, not a line in an image that is all sky or all terrain.
 
-    A skyline is a sharp line for most of its length, with what looks like sky above it and like terrain below. The
-    coefficients are a logistic regression's on whole pictures and their parts above and below the skyline.
+    A skyline is sharp for most of its length, with sky-like pixels above and terrain-like pixels below. The coefficients are
+    those of a logistic regression on whole images and on their parts above and below the skyline.
     """
     h = boundary.odds.shape[0]
     row = boundary.row
     inside = (row > 2) & (row < h - 2)
     if inside.mean() < 0.05:
         return -math.inf
-    guess = np.clip(boundary.guess, -3, 3)
-    above = _column_mean(guess, np.zeros_like(row), row)[inside].mean()
-    below = _column_mean(guess, row, np.full_like(row, h))[inside].mean()
+    generic_odds = np.clip(boundary.generic_odds, -3, 3)
+    above = _column_mean(generic_odds, np.zeros_like(row), row)[inside].mean()
+    below = _column_mean(generic_odds, row, np.full_like(row, h))[inside].mean()
     contrast = _contrast(boundary, 12)[inside].mean()
     sharpness = boundary.strength[inside].mean()
     return float(7.3 * sharpness - 0.23 * above + 0.61 * below + 5.6 * contrast - 6.6)
@@ -183,8 +184,8 @@ def _frame_log_odds(boundary: SkyBoundary) -> float:
 def _column_log_odds(boundary: SkyBoundary) -> NDArray[np.float64]:
     """Log odds per column of the reduced picture that the boundary is the skyline, given that there is one.
 
-    Three things tell: how much dearer the next best boundary is, how sharp the edge is hereabouts, and how differently
-    the models judge what is above and below. Coefficients of a logistic regression (right to 0.6 % of the width).
+    The features are the cost margin of the next best boundary, the local edge strength, and the contrast of the log-odds above
+    and below. The coefficients are those of a logistic regression; a boundary within 0.6 % of the width was right.
     """
     window = np.ones(15)
     sharpness = np.convolve(boundary.strength, window, "same") / np.convolve(
@@ -195,7 +196,7 @@ def _column_log_odds(boundary: SkyBoundary) -> NDArray[np.float64]:
 
 
 def _contrast(boundary: SkyBoundary, rows: int) -> NDArray[np.float64]:
-    """How much likelier, in log odds, the first `rows` rows below the boundary are terrain than the first rows above it."""
+    """Mean log-odds terrain : sky over the first `rows` rows below the boundary, minus that above it."""
     row = boundary.row
     below = _column_mean(boundary.odds, row + 1, row + 1 + rows)
     return below - _column_mean(boundary.odds, row - 1 - rows, row - 1)

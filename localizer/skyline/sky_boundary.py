@@ -1,7 +1,7 @@
-"""The boundary between sky and terrain in a reduced picture: what it costs, and the cheapest one.
+"""The sky-terrain boundary in the reduced image: its cost function, and the boundary of minimum cost.
 
-A boundary is cheap where it runs along sharp edges, where what lies above it looks like sky and below like terrain, and
-where it leaves no sharp edge above itself: of several ridges behind one another in the haze, the topmost is the skyline.
+The cost is low along strong edges, with sky-like pixels above and terrain-like pixels below, and without strong edges above: of
+several ridges behind one another in haze, the topmost is the skyline.
 """
 
 from dataclasses import dataclass
@@ -12,48 +12,49 @@ from numpy.typing import NDArray
 
 from localizer.jit import kernel
 from localizer.skyline.boundary_path import min_marginals
-from localizer.skyline.sky_colour import first_guess, fitted_odds
-from localizer.skyline.work_image import Floats, WorkImage
+from localizer.skyline.reduced_image import Floats, ReducedImage
+from localizer.skyline.sky_colour import fitted_odds, generic_log_odds
 
-# What follows was tuned on half of a set of photographs and rendered pictures. Costs are per column, or per pixel of one.
+# Tuned on half of a set of photographs and rendered images (docs/photographs.md). Costs are per column or per pixel.
 _NO_EDGE = 5.0
 _FRAME_EDGE = 3.5
-"""A boundary where there is no edge; a column without sky, or without terrain."""
+"""Cost of a boundary without an edge; cost of a column without sky or without terrain."""
 _EDGE_POWER = 5.0
 _LEFT_ABOVE = 1.77
 _LEFT_ABOVE_FROM = 0.2
-"""Each edge of full strength that lies above the boundary; how strong an edge has to be to count."""
+"""Cost of each edge of full strength above the boundary; least strength of an edge that counts."""
 _SIDE = 0.125
 _SIDE_NO_EDGE = 4.1
-"""The boundary going down the side of a pixel; as much again where there is no edge beside it."""
+"""Cost of a vertical pixel side of the boundary; additional cost without a vertical edge there."""
 _STEP_NOISES = 3.9
 _STEP_ACTIVITIES = 1.6
-"""An edge of half strength is so many times the noise, plus so many times the mean step above it."""
+"""An edge has strength 0.5 if its step is the first number times (noise + the second number times the mean step above it)."""
 _BRIGHTER_BELOW = 0.56
-"""Factor on the strength of an edge that is brighter below: seldom a skyline, often the top of a cloud."""
-_GUESS_ALONE = 0.006
-_GUESS = 0.0216
+"""Factor on the strength of an edge that is brighter below: rarely a skyline, often the top of a cloud."""
+_GENERIC_ALONE = 0.006
+_GENERIC = 0.0216
 _FITTED = 0.039
-"""Per unit of log odds: the first guess in the first turn and in the later ones, the fitted models. Neighbouring pixels
-say nearly the same, so each counts for little."""
-_TURNS = 2
+"""Cost per unit of log-odds: generic odds in the first iteration and in later ones, fitted odds. The weights are small because
+neighbouring pixels are highly correlated."""
+_ITERATIONS = 2
 _LINE_FROM = 0.5
 _LINE_SIDE = 0.5
 _LEAVING = 0.05
-"""A line above the boundary is followed where its edge is at least so strong; factor on the cost of its sides; what each
-column costs on its way there."""
+"""A line above the boundary: least edge strength, factor on the cost of vertical sides, cost per column of the transition to
+it."""
 _FAINT_LINE_FROM, _FAINT, _FAINT_GAPS, _FAINT_COLUMNS = 0.15, 0.1, 0.2, 6
-"""The same for faint lines, which count where the edge is stronger than the second number in all but the third's share of
-a stretch of at least so many columns."""
+"""Faint lines: least edge strength to follow one; strength that must be exceeded except for this share of gaps, in a stretch
+of at least so many columns."""
 _LONG_NOISES, _LONG_NOISE = 8.0, 1.2
 _LONG_FROM, _LONG, _LONG_GAPS, _LONG_COLUMNS = 0.5, 0.4, 0.05, 40
-"""The same for long lines, whose edge is held against the noise alone (at least so many grey levels): below a cloudy sky an
-edge has to be strong to be taken for the skyline, but none that goes on so far can be passed over."""
-_MEETING = 0.05
-"""Share of the width that is in doubt as well to either side of a line above the boundary: it goes on closer to the boundary
-than lines can be told apart."""
-_SURELY_SKY, _SURELY_SKY_IN_DOUBT = 0.85, 0.5
-"""The share of what lies above the boundary that the sky's model is fitted to; and when the boundary is put to the test."""
+"""Long lines: the same with edge strength relative to the noise alone (at least so many grey levels). Below a cloudy sky an
+edge must be strong to be the skyline, but a line of this length is significant even if it is weak."""
+_UNCERTAIN_MARGIN = 0.05
+"""Share of the width on either side of such a line that is uncertain as well: there the line is too close to the boundary to be
+resolved."""
+_SKY_SHARE, _SKY_SHARE_TEST = 0.85, 0.5
+"""Share of the pixels above the boundary that the sky's model is fitted to: when tracing, and when testing the boundary's
+stability."""
 
 
 @dataclass(frozen=True)
@@ -62,70 +63,70 @@ class SkyBoundary:
 
     Attributes:
         row: (w,) it runs above this row: 0 is a column without sky, h one without terrain.
-        margin: (w,) how much dearer the best boundary is that passes three rows off or more in this column.
-        contested: (w,) whether the boundary moves when the sky's model is fitted to the upper half of its sky only, or
-            a line leaves it that is sharp enough to be a farther ridge, pale as the sky in the haze or the glare.
-        strength: (w,) how sharp the edge is that it follows, 0..1.
+        margin: (w,) additional cost of the best boundary that is three or more rows away in this column.
+        uncertain: (w,) whether the boundary moves if the sky's model is fitted to the upper half of the sky only, or a line
+            above it may be a more distant ridge, pale in haze or glare.
+        strength: (w,) strength of the edge along the boundary, 0..1.
         odds: (h, w) log odds terrain : sky per pixel, the last used.
-        guess: (h, w) the same before anything was learnt from the picture.
+        generic_odds: (h, w) the same by the generic model.
     """
 
     row: NDArray[np.int64]
     margin: Floats
-    contested: NDArray[np.bool_]
+    uncertain: NDArray[np.bool_]
     strength: Floats
     odds: Floats
-    guess: Floats
+    generic_odds: Floats
 
 
-def trace_boundary(work: WorkImage) -> SkyBoundary:
-    """Trace the boundary with the first guess of what sky looks like, then with models fitted to either side of it."""
+def trace_boundary(work: ReducedImage) -> SkyBoundary:
+    """Trace the boundary with the generic model, then with models fitted to either side of it."""
     h, w = work.texture.shape
     strength, noise = edge_strength(work.step)
     side = _side_cost(work.lab, (4 * noise) ** 2)
-    guess = first_guess(work)
+    generic_odds = generic_log_odds(work)
 
     def total_cost(odds: Floats) -> Floats:
         return min_marginals(_boundary_cost(strength, odds), side)
 
-    def learnt(row: NDArray[np.int64], surely_sky: float) -> Floats:
-        return np.float32(_GUESS) * guess + np.float32(_FITTED) * fitted_odds(work, row, surely_sky)
+    def fitted(row: NDArray[np.int64], sky_share: float) -> Floats:
+        return np.float32(_GENERIC) * generic_odds + np.float32(_FITTED) * fitted_odds(work, row, sky_share)
 
-    odds = np.float32(_GUESS_ALONE) * guess
+    odds = np.float32(_GENERIC_ALONE) * generic_odds
     total = total_cost(odds)
     row = total.argmin(axis=1)
-    contested = np.zeros(w, np.bool_)
+    uncertain = np.zeros(w, np.bool_)
     if np.mean(row > 4) > 0.05 and np.mean(row < h - 4) > 0.05:
-        for _ in range(_TURNS):
-            odds = learnt(row, _SURELY_SKY)
+        for _ in range(_ITERATIONS):
+            odds = fitted(row, _SKY_SHARE)
             total = total_cost(odds)
-            before, row = row, total.argmin(axis=1)
-            if np.array_equal(row, before):
+            previous, row = row, total.argmin(axis=1)
+            if np.array_equal(row, previous):
                 break
-        contested = np.abs(total_cost(learnt(row, _SURELY_SKY_IN_DOUBT)).argmin(axis=1) - row) > 2
-        contested |= _farther_ridge(np.maximum(work.step, 0), noise, strength, side, row)
+        uncertain = np.abs(total_cost(fitted(row, _SKY_SHARE_TEST)).argmin(axis=1) - row) > 2
+        uncertain |= _farther_ridge(np.maximum(work.step, 0), noise, strength, side, row)
     columns = np.arange(w)
     best = total[columns, row].copy()
     total[np.abs(np.arange(h + 1)[None, :] - row[:, None]) < 3] = np.inf
-    return SkyBoundary(row, total.min(axis=1) - best, contested, strength[row, columns], odds, guess)
+    return SkyBoundary(row, total.min(axis=1) - best, uncertain, strength[row, columns], odds, generic_odds)
 
 
 def _farther_ridge(
     darker: Floats, noise: float, strength: Floats, side: Floats, row: NDArray[np.int64]
 ) -> NDArray[np.bool_]:
-    """Columns (w,) where a line above the boundary may be the skyline: a sharp one, or a faint one that hardly breaks off.
+    """Mask (w,) of columns where a line above the boundary may be the skyline: a sharp one, or a faint one without gaps.
 
-    A ridge in the haze is faint all along; a streak of cloud is sharp here and gone there. ``darker`` is the colour step
-    (h + 1, w) where it is darker below, as a ridge is, else 0.
+    A ridge in haze is faint but continuous; a streak of cloud has gaps. ``darker``: the colour step (h + 1, w) where it is
+    darker below, as at a ridge, else 0.
     """
     edge = np.where(darker > 0, strength, 0)
     square, scale = darker * darker, np.float32(_LONG_NOISES * max(noise, _LONG_NOISE))
     plain = square / (square + scale * scale)
-    beyond = row - _line_above(edge, side, row, _LINE_FROM) > 2
-    beyond |= _unbroken(edge, side, row, _FAINT_LINE_FROM, _FAINT, _FAINT_GAPS, _FAINT_COLUMNS)
-    beyond |= _unbroken(plain, side, row, _LONG_FROM, _LONG, _LONG_GAPS, _LONG_COLUMNS)
-    beside = int(_MEETING * row.size)
-    return np.asarray(np.convolve(beyond, np.ones(2 * beside + 1), "same") > 0.5)
+    above_boundary = row - _line_above(edge, side, row, _LINE_FROM) > 2
+    above_boundary |= _unbroken(edge, side, row, _FAINT_LINE_FROM, _FAINT, _FAINT_GAPS, _FAINT_COLUMNS)
+    above_boundary |= _unbroken(plain, side, row, _LONG_FROM, _LONG, _LONG_GAPS, _LONG_COLUMNS)
+    beside = int(_UNCERTAIN_MARGIN * row.size)
+    return np.asarray(np.convolve(above_boundary, np.ones(2 * beside + 1), "same") > 0.5)
 
 
 def _unbroken(
@@ -137,7 +138,7 @@ def _unbroken(
     gaps: float,
     columns: int,
 ) -> NDArray[np.bool_]:
-    """Columns (w,) of the stretches, ``columns`` long or more, where the best line above hardly falls below ``least``."""
+    """Mask (w,) of stretches, ``columns`` or longer, where the best line above exceeds ``least`` but for a share ``gaps``."""
     found = np.zeros(row.size, np.bool_)
     line = _line_above(edge, side, row, line_from)
     ends = np.flatnonzero(np.diff(row - line > 2, prepend=False, append=False))
@@ -148,9 +149,9 @@ def _unbroken(
 
 
 def _line_above(strength: Floats, side: Floats, row: NDArray[np.int64], least: float) -> NDArray[np.int64]:
-    """Rows (w,) of the best line that follows sharp edges above the boundary or, where there are none, the boundary itself.
+    """Rows (w,) of the best line along edges above the boundary, or of the boundary itself where there are none.
 
-    What lies between the two looks like sky, else the boundary would run there already; only the edge speaks against it.
+    The pixels between the two look like sky, otherwise the boundary would be there; only the edge is evidence for terrain.
     """
     h, w = strength.shape[0] - 1, row.size
     gain = strength.T - np.float32(least)
@@ -165,7 +166,7 @@ def _line_above(strength: Floats, side: Floats, row: NDArray[np.int64], least: f
 
 
 def edge_strength(step: Floats) -> tuple[Floats, float]:
-    """Strength 0..1 of each boundary's colour step (h + 1, w) against noise and what goes on above; noise in grey levels."""
+    """Strength 0..1 of each colour step (h + 1, w) relative to the noise and to the steps above it; noise in grey levels."""
     size = np.abs(step)
     noise = max(float(np.percentile(size[1 : max(2, step.shape[0] // 2)], 25)), 0.5)
     around = np.asarray(cv2.blur(size, (9, 9)), np.float32)

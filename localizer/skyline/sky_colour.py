@@ -1,24 +1,24 @@
-"""What sky and terrain look like in one picture: per pixel, the log odds that it is terrain rather than sky.
+"""Appearance models of sky and terrain: log-odds terrain : sky of each pixel.
 
-Nothing is learnt beforehand but a rough idea (`first_guess`: sky is smooth, bright, bluish). Once there is a boundary
-to start from, the picture's own models are fitted to what lies above and below it (`fitted_odds`). Sky is modelled by
-its colour's departure from a surface of second order (brighter towards the sun, paler towards the horizon), so that
-a far ridge of nearly the sky's colour stands out against the sky next to it; clouds are departures that a histogram learns.
+`generic_log_odds` holds for most images: sky is smooth, bright and bluish. Given a first boundary, `fitted_odds` fits models of
+the image itself to the pixels above and below. The sky's colour is a second-order polynomial of position (brighter towards the
+sun, paler towards the horizon) plus a histogram of deviations. A distant ridge of nearly the sky's colour then differs from
+the sky next to it; clouds are deviations in the sky's histogram.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
 from localizer.jit import kernel
-from localizer.skyline.work_image import Floats, WorkImage
+from localizer.skyline.reduced_image import Floats, ReducedImage
 
 _COLOUR_BINS = 15
 _TEXTURE_BINS = 12
 _SAMPLE_EVERY = 5
 
 
-def first_guess(work: WorkImage) -> Floats:
-    """Log odds terrain : sky per pixel from what holds for most pictures; (h, w)."""
+def generic_log_odds(work: ReducedImage) -> Floats:
+    """Log-odds terrain : sky of each pixel by coefficients that hold for most images; (h, w)."""
     h = work.texture.shape[0]
     row = np.arange(h, dtype=np.float32)[:, None] / h
     typical = np.float32(np.median(work.bright[::3, ::3]))
@@ -30,14 +30,14 @@ def first_guess(work: WorkImage) -> Floats:
     return np.asarray(odds + np.float32(0.4) * row - np.float32(0.35), np.float32)
 
 
-def fitted_odds(work: WorkImage, boundary: NDArray[np.int64], surely_sky: float) -> Floats:
+def fitted_odds(work: ReducedImage, boundary: NDArray[np.int64], sky_share: float) -> Floats:
     """Log odds terrain : sky per pixel from models fitted on either side of `boundary` (w rows); (h, w).
 
-    Only the share `surely_sky` of what lies above the boundary, from the top, makes the sky's model: if the lowest part
-    is a far ridge taken for sky, the sky above it must not learn its colour.
+    The sky's model is fitted only to the upper share `sky_share` of the pixels above the boundary: the lowest part may be a
+    distant ridge mistaken for sky.
     """
     h, w = work.texture.shape
-    sky_end = np.minimum((surely_sky * boundary).astype(np.int64), boundary - 2)
+    sky_end = np.minimum((sky_share * boundary).astype(np.int64), boundary - 2)
     rows, cols = np.mgrid[0:h:_SAMPLE_EVERY, 0:w:_SAMPLE_EVERY]
     inside = rows < sky_end[cols]
     rows, cols = rows[inside], cols[inside]
@@ -74,7 +74,7 @@ def _terms(rows: NDArray[np.int64], cols: NDArray[np.int64], h: int, w: int) -> 
 
 
 def _fit_sky(colour: Floats, terms: Floats) -> tuple[Floats, Floats]:
-    """Coefficients (6, 3) of the clear sky's colour and the robust sigma (3,) of the departures from it."""
+    """Coefficients (6, 3) of the clear sky's colour and the robust sigma (3,) of the deviations, by iterative reweighting."""
     weight = np.ones(colour.shape[0], np.float32)
     coef = np.zeros((6, 3), np.float32)
     sigma = np.ones(3, np.float32)
@@ -99,10 +99,10 @@ def _count_cells(
     texture_low: float,
     texture_scale: float,
 ) -> tuple[NDArray[np.int16], NDArray[np.int16], Floats, Floats]:
-    """Sort every pixel into a colour cell (its departure from the clear sky) and a texture cell, and count them.
+    """Histograms of the deviation from the clear sky's colour and of the texture, for sky and for terrain.
 
-    Cells are fine near zero departure and coarse far from it. Below `lowest_row`, where no sky was fitted, the surface
-    is continued level. Pixels count by their nearness to the boundary.
+    Bins are fine near zero deviation and coarse far from it. Below `lowest_row`, where no sky was fitted, the polynomial is
+    held constant. Pixels near the boundary have more weight.
 
     Returns:
         Colour cell and texture cell per pixel (h, w); counts (2, cells) of sky and of terrain, of either kind.
@@ -145,7 +145,7 @@ def _count_cells(
 
 
 def _smooth_colours(counts: Floats) -> Floats:
-    """Probability per colour cell, (2, cells); a tenth of it is spread evenly, for colours not met."""
+    """Probability per colour bin, (2, bins); a tenth of it is uniform, for colours that do not occur."""
     cube = counts.reshape(2, _COLOUR_BINS, _COLOUR_BINS, _COLOUR_BINS)
     for axis in (1, 2, 3):
         moved = np.moveaxis(cube, axis, 0)

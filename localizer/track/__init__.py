@@ -1,11 +1,12 @@
-"""Follows a vehicle from one bundle to the next.
+"""Multi-hypothesis tracking of a vehicle over a sequence of bundles.
 
-Every place that the looks so far allow is kept, moved along with the odometry and compared with what the next look allows,
-until one remains (Talluri and Aggarwal 1992, conclusions: an ambiguous place is resolved by a known translation and another
-look; a vehicle that knows where it was need search only near there).
+All places that the bundles so far allow are kept as a Gaussian mixture. Odometry predicts them, and the places found by the
+next bundle's search update them, until one remains. This is the proposal of Talluri and Aggarwal (1992, section VIII): an
+ambiguous place is resolved by a known translation and another measurement. Once the place is known, only its surroundings are
+searched (the *bootstrap* mode, section IV-B).
 
-``places`` has the algebra of uncertain places, ``odometry`` the movement between two bundles, ``mixture`` the hypotheses,
-``tracker`` the state and its one step, ``follow``; ``report`` and ``plot`` show what came of it.
+``gaussian_place`` has the operations on single Gaussians, ``odometry`` the movement between two bundles, ``mixture`` prediction
+and update of the hypotheses, ``tracker`` the state and its step, ``follow``, and ``document`` the result as text and JSON.
 """
 
 from localizer.track.odometry import Movement, Odometry, load_odometry

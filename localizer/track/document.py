@@ -1,4 +1,4 @@
-"""What became of each bundle, for people (a line) and for programs (``skyfix.track/1``)."""
+"""The result of each bundle of a track, as a line of text and as JSON (``skyfix.track/1``)."""
 
 from typing import Annotated, Literal
 
@@ -9,8 +9,8 @@ from localizer.dem.crs import wrapped_lon_deg
 from localizer.dem.geodesy import lonlat_to_rowcol, map_metres_at, rowcol_to_metric
 from localizer.dem.lattice import Dem
 from localizer.fix import Fix, Probability, ellipse, lat_lon
+from localizer.track.gaussian_place import Matrix, matrix
 from localizer.track.mixture import Posterior
-from localizer.track.places import Matrix, matrix
 from localizer.track.tracker import Mode, Step
 
 
@@ -49,9 +49,9 @@ class TrackHypothesis(_Part):
 
 
 class TrackLine(_Part):
-    """What one bundle came to. ``elsewhere``: the probability of none of the hypotheses.
+    """The result of one bundle. ``elsewhere``: the probability of none of the hypotheses.
 
-    ``left_out``: the frame that contradicts the others, if any.
+    ``left_out``: the frame that was excluded because it contradicts the others, if any.
     """
 
     schema_name: Literal["skyfix.track/1"] = Field(default="skyfix.track/1", alias="schema")
@@ -68,7 +68,7 @@ class TrackLine(_Part):
 
 
 def track_line(step: Step, dem: Dem) -> TrackLine:
-    """The step in a program's terms."""
+    """The step as ``skyfix.track/1``."""
     return TrackLine(
         bundle=step.bundle,
         mode=step.mode,

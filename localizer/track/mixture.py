@@ -1,12 +1,12 @@
-"""The hypotheses of where the vehicle is, and what movements and looks do to them.
+"""Gaussian mixture filter over the hypotheses of where the vehicle is.
 
-A mixture of Gaussians and, for what none of them covers, the weight of ``elsewhere``: evenly all over the DEM. A movement
-shifts and widens the Gaussians, and moves some weight elsewhere, for odometry slips and vehicles are carried. A look that
-found candidates c with probabilities q makes
+The density is a mixture of Gaussians plus a uniform density over the DEM with the weight ``elsewhere``. Prediction shifts
+and widens the Gaussians by the odometry, and moves some weight elsewhere, because odometry can fail. An update by a search with
+candidates c of probabilities q multiplies the density p(x) by
 
-    p(x) [(1 - e) A sum_c q_c N(x; c) + e]
+    (1 - e) A sum_c q_c N(x; c) + e,
 
-of p(x), with the searched area A and the probability e that the images misled and the vehicle is at none of the candidates.
+with the searched area A and the probability e that the measurement is an outlier (none of the candidates is the place).
 """
 
 from collections.abc import Sequence
@@ -17,35 +17,34 @@ from pydantic import BaseModel, ConfigDict
 
 from localizer.fix import Probability
 from localizer.search.decide import LEAST_EVIDENCE
+from localizer.track.gaussian_place import GaussianPlace, displaced, fuse, log_density, merged, offset_m
 from localizer.track.odometry import Movement
-from localizer.track.places import Place, fuse, log_density, merged, moved, offset_m
 
-ODOMETRY_FAILS = 0.01
-"""Probability, for each leg, that the odometry is wrong beyond its sigmas: slipped, towed, restarted."""
-EVIDENCE_WORTH = 8.0
-"""So much evidence of a look makes it e times likelier to be right. It is not 1, since an error of the DEM speaks for a wrong
-place in many columns at once."""
+ODOMETRY_FAILURE_PROBABILITY = 0.01
+"""Probability, for each leg, that the odometry is wrong beyond its sigmas: slip, towing, restart."""
+EVIDENCE_TEMPERATURE = 8.0
+"""Evidence that raises the odds of a measurement being right by the factor e. It is larger than 1, because a DEM error affects
+many columns together and can favour a wrong place."""
 SMALLEST_WEIGHT = 1e-7
-"""Less than this goes elsewhere."""
+"""Hypotheses with less weight are dropped; their weight goes into ``elsewhere``."""
 MOST_HYPOTHESES = 64
 
 
 class Hypothesis(BaseModel):
     """One place where the vehicle may be.
 
-    ``evidence`` is the sum of that of the looks behind it: by how much, in logarithms, the terrain explains them better than
-    chance.
+    ``evidence``: sum of the log Bayes factors of the measurements that support it.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    place: Place
+    place: GaussianPlace
     probability: Probability
     evidence: float
 
 
 class Mixture(BaseModel):
-    """Hypotheses by falling probability. What they lack of a sum of 1 is the probability of being elsewhere."""
+    """Hypotheses by decreasing probability. The remainder to 1 is the probability of being elsewhere."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -58,76 +57,78 @@ class Mixture(BaseModel):
 
 
 @dataclass(frozen=True)
-class Seen:
-    """A candidate of one look: ``number`` in the look's own order."""
+class MeasuredPlace:
+    """A candidate of one search: ``number`` in the order of the search."""
 
     number: int
-    place: Place
+    place: GaussianPlace
     probability: float
     evidence: float
 
 
 @dataclass(frozen=True)
-class Look:
-    """What one search found. ``chance``: the probability that none of the candidates is the place.
+class Measurement:
+    """The result of one search. ``outlier_probability``: that none of the candidates is the place.
 
-    ``area_m2`` is the DEM's, ``floor_m`` what neither the odometry's nor the search's sigmas cover, ``same_m`` within which two
-    places are one.
+    ``area_m2``: of the DEM. ``model_error_m``: standard deviation of errors that neither odometry nor search accounts for.
+    ``same_m``: distance within which two places are one.
     """
 
-    seen: tuple[Seen, ...]
-    chance: float
+    measured: tuple[MeasuredPlace, ...]
+    outlier_probability: float
     area_m2: float
-    floor_m: float
+    model_error_m: float
     same_m: float
 
 
 @dataclass(frozen=True)
 class Posterior:
-    """A hypothesis after a look; ``number`` of the candidate it rests on, None where the look shows it nowhere."""
+    """A hypothesis after an update; ``number`` of its candidate, None if the search did not find it."""
 
     hypothesis: Hypothesis
     number: int | None
 
 
-def chance_of(evidence: float) -> float:
-    """The probability that images which a place explains by that much show another: even odds where a look is just believed."""
-    return float(1.0 / (1.0 + np.exp(np.clip((evidence - LEAST_EVIDENCE) / EVIDENCE_WORTH, -500.0, 500.0))))
+def outlier_probability(evidence: float) -> float:
+    """Probability that a place of this evidence is wrong: logistic, 0.5 at the least evidence that is believed."""
+    return float(
+        1.0 / (1.0 + np.exp(np.clip((evidence - LEAST_EVIDENCE) / EVIDENCE_TEMPERATURE, -500.0, 500.0)))
+    )
 
 
 def predict(mixture: Mixture, movement: Movement | None, area_m2: float) -> Mixture:
-    """The hypotheses after a movement. Those spread over the whole DEM, and all after an unknown one, are elsewhere."""
+    """The hypotheses after a movement. After an unknown one, or if spread over the whole DEM, they go into ``elsewhere``."""
     if movement is None:
         return Mixture()
     kept = []
     for h in mixture.hypotheses:
-        place = moved(h.place, movement.step_m, movement.covariance_m2)
+        place = displaced(h.place, movement.step_m, movement.covariance_m2)
         if place.widest_m < 0.5 * np.sqrt(area_m2):
             kept.append(
                 Hypothesis(
                     place=place,
-                    probability=(1.0 - ODOMETRY_FAILS) * h.probability,
+                    probability=(1.0 - ODOMETRY_FAILURE_PROBABILITY) * h.probability,
                     evidence=h.evidence,
                 )
             )
     return Mixture(hypotheses=tuple(kept))
 
 
-def update(mixture: Mixture, look: Look) -> tuple[Posterior, ...]:
-    """The hypotheses after a look, by falling probability; their probabilities add up to at most 1."""
-    believed, misled = _log(1.0 - look.chance), _log(look.chance)
-    log_weights: list[float] = [_log(mixture.elsewhere) + misled]
-    pairs: list[tuple[Hypothesis | None, Seen | None]] = [(None, None)]
-    for c in look.seen:
-        here = believed + _log(c.probability)
+def update(mixture: Mixture, measurement: Measurement) -> tuple[Posterior, ...]:
+    """The hypotheses after a measurement, by decreasing probability; their sum is at most 1."""
+    inlier, outlier = _log(1.0 - measurement.outlier_probability), _log(measurement.outlier_probability)
+    log_weights: list[float] = [_log(mixture.elsewhere) + outlier]
+    pairs: list[tuple[Hypothesis | None, MeasuredPlace | None]] = [(None, None)]
+    for c in measurement.measured:
+        here = inlier + _log(c.probability)
         log_weights.append(_log(mixture.elsewhere) + here)
         pairs.append((None, c))
         for h in mixture.hypotheses:
-            agree = _log(look.area_m2) + log_density(h.place, c.place, look.floor_m)
+            agree = _log(measurement.area_m2) + log_density(h.place, c.place, measurement.model_error_m)
             log_weights.append(_log(h.probability) + here + agree)
             pairs.append((h, c))
     for h in mixture.hypotheses:
-        log_weights.append(_log(h.probability) + misled)
+        log_weights.append(_log(h.probability) + outlier)
         pairs.append((h, None))
     weights = np.exp(np.array(log_weights) - max(log_weights))
     shares = weights / weights.sum()
@@ -136,36 +137,38 @@ def update(mixture: Mixture, look: Look) -> tuple[Posterior, ...]:
         for share, pair in zip(shares[1:], pairs[1:], strict=True)
         if share >= SMALLEST_WEIGHT
     ]
-    return _gathered(parts, look.same_m)
+    return _merged_posteriors(parts, measurement.same_m)
 
 
-def _joined(known: Hypothesis | None, seen: Seen | None) -> Posterior:
-    """The place of a hypothesis, of a candidate, or of both if they are one."""
-    if seen is None:
-        assert known is not None
-        return Posterior(known, None)
-    if known is None:
-        hypothesis = Hypothesis(place=seen.place, probability=0.0, evidence=seen.evidence)
+def _joined(prior: Hypothesis | None, measured: MeasuredPlace | None) -> Posterior:
+    """The place of a hypothesis, of a candidate, or of both fused."""
+    if measured is None:
+        assert prior is not None
+        return Posterior(prior, None)
+    if prior is None:
+        hypothesis = Hypothesis(place=measured.place, probability=0.0, evidence=measured.evidence)
     else:
         hypothesis = Hypothesis(
-            place=fuse(known.place, seen.place), probability=0.0, evidence=known.evidence + seen.evidence
+            place=fuse(prior.place, measured.place),
+            probability=0.0,
+            evidence=prior.evidence + measured.evidence,
         )
-    return Posterior(hypothesis, seen.number)
+    return Posterior(hypothesis, measured.number)
 
 
 def mixture_of(posteriors: Sequence[Posterior]) -> Mixture:
-    """What is carried to the next look."""
+    """The mixture that is carried to the next step."""
     return Mixture(hypotheses=tuple(p.hypothesis for p in posteriors))
 
 
-def _gathered(parts: list[tuple[float, Posterior]], same_m: float) -> tuple[Posterior, ...]:
-    """The weights as probabilities, with those that are one place made one, around the heaviest of them."""
-    # by place where weights are equal, so that the order of the hypotheses does not matter
+def _merged_posteriors(parts: list[tuple[float, Posterior]], same_m: float) -> tuple[Posterior, ...]:
+    """Posteriors with normalised weights; those of one place are merged into the heaviest of them."""
+    # ties are ordered by place, so that the order of the hypotheses does not matter
     rest = sorted(parts, key=lambda s: (-s[0], s[1].hypothesis.place.lat_deg, s[1].hypothesis.place.lon_deg))
     groups: list[list[tuple[float, Posterior]]] = []
     for share, part in rest:
         for group in groups:
-            if _alike(group[0][1], part, same_m):
+            if _same_place(group[0][1], part, same_m):
                 group.append((share, part))
                 break
         else:
@@ -184,8 +187,8 @@ def _gathered(parts: list[tuple[float, Posterior]], same_m: float) -> tuple[Post
     return tuple(posteriors[:MOST_HYPOTHESES])
 
 
-def _alike(first: Posterior, second: Posterior, same_m: float) -> bool:
-    """Whether both are one place. What the look did not show stays apart from what it showed: it may be far wider."""
+def _same_place(first: Posterior, second: Posterior, same_m: float) -> bool:
+    """Whether both are one place. A measured and an unmeasured hypothesis are never merged: the latter may be far wider."""
     if (first.number is None) != (second.number is None):
         return False
     one, two = first.hypothesis.place, second.hypothesis.place

@@ -8,7 +8,7 @@ The first line leads from the first bundle to the second, and so on: one line fe
     {"unknown": true}
 
 Distances are horizontal, headings those of the movement, true, clockwise from north; east and north are true. ``sigma_m`` is in
-each of both directions. Lines that are empty or begin with # count for nothing.
+each of both directions. Empty lines and lines that begin with # are ignored.
 """
 
 from os import PathLike
@@ -22,7 +22,7 @@ from pydantic import BaseModel, ConfigDict, Field, JsonValue, TypeAdapter, Valid
 from localizer.documents import MOST_JSON_BYTES, DocumentError, json_text, read_file
 from localizer.errors import SkyfixError
 from localizer.os_errors import why_not_read
-from localizer.track.places import Matrix
+from localizer.track.gaussian_place import Matrix
 
 Floats = NDArray[np.float64]
 
@@ -106,7 +106,7 @@ class _Leg(BaseModel):
 
 
 class DistanceLeg(_Leg):
-    """As a wheel odometer and a heading give it."""
+    """Distance and heading, as of a wheel odometer and a compass."""
 
     distance_m: Annotated[float, Field(ge=0.0, le=FARTHEST_M)]
     distance_sigma_m: SigmaMetres
@@ -116,7 +116,7 @@ class DistanceLeg(_Leg):
     def movement(self) -> Movement:
         """Mean and covariance of a distance and a direction that are both Gaussian.
 
-        Exact moments rather than derivatives: with a poor heading the end lies on an arc, whose mean is nearer than its length.
+        Exact moments instead of a linearisation: with a poor heading the end point lies on an arc, whose mean is nearer.
         """
         heading, sigma = np.radians(self.heading_deg), np.radians(self.heading_sigma_deg)
         ahead = np.array([np.sin(heading), np.cos(heading)])
@@ -130,7 +130,7 @@ class DistanceLeg(_Leg):
 
 
 class VectorLeg(_Leg):
-    """As an inertial system or visual odometry gives it."""
+    """East and north, as of an inertial system or visual odometry."""
 
     east_m: Metres
     north_m: Metres
@@ -156,7 +156,7 @@ class VectorLeg(_Leg):
 
 
 class UnknownLeg(_Leg):
-    """The vehicle may have gone anywhere."""
+    """An unknown movement."""
 
     unknown: Literal[True]
 
@@ -165,7 +165,7 @@ class UnknownLeg(_Leg):
 
 
 Odometry = tuple[Movement | None, ...]
-"""One movement for each leg; None where nothing is known of it."""
+"""One movement for each leg; None if unknown."""
 
 MOST_LEG_BYTES = 100_000
 

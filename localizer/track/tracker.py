@@ -1,10 +1,10 @@
-"""The state that goes from bundle to bundle, and the one step that a bundle makes.
+"""The tracker: the state carried from bundle to bundle, and the step for one bundle (prediction, search, update).
 
-Where the last look left one place, the next is searched for near there, and in the whole DEM only if nothing convincing turns
-up; where it left several, in the whole DEM.
+If one place is known, the next bundle is searched for around it (bootstrap), and in the whole DEM if that result is not
+convincing. If there are several places, the whole DEM is searched.
 
-A second look from the same spot sees the same errors as the first: what spoke for a wrong place then speaks for it again. It is
-no second witness, and counts in place of the first if it explains more, else not at all.
+Two measurements from the same spot have the same errors, so they are not independent. The second one replaces the first if its
+evidence is larger; otherwise it is not used.
 """
 
 import dataclasses
@@ -25,53 +25,60 @@ from localizer.documents import DocumentError, json_text
 from localizer.errors import SkyfixError
 from localizer.fix import Fix
 from localizer.observation import Observation, PriorCircle
+from localizer.search.altitude_reference import diagnose_altimeter, with_datum_uncertainty
 from localizer.search.answer import Located, fix_of
-from localizer.search.contradiction import Settled, settle_frames
-from localizer.search.decide import CERTAIN, CERTAIN_EVIDENCE, NEGLIGIBLE, WIDEST_FIX_CELLS, Decision, nowhere
-from localizer.search.doubts import altitude_as_trusted, without_altimeter
+from localizer.search.decide import (
+    FIX_EVIDENCE,
+    FIX_PROBABILITY,
+    LARGEST_FIX_SIGMA_CELLS,
+    NEGLIGIBLE,
+    Decision,
+    no_place,
+)
 from localizer.search.fit.local_optima import SAME_PLACE_CELLS
 from localizer.search.fit.refine import Refined
+from localizer.search.leave_one_out import CheckedAnswer, check_frames
 from localizer.search.locate import load_kernels, locate, observe
-from localizer.search.reasons import off_the_way, several_places
+from localizer.search.reasons import excluded_by_track, several_places
 from localizer.skyline.upright import frame_skyline
+from localizer.track.gaussian_place import GEOD, GaussianPlace, gaussian_place
 from localizer.track.mixture import (
     Hypothesis,
-    Look,
+    MeasuredPlace,
+    Measurement,
     Mixture,
     Posterior,
-    Seen,
-    chance_of,
     mixture_of,
+    outlier_probability,
     predict,
     update,
 )
 from localizer.track.odometry import Movement
-from localizer.track.places import GEOD, Place, place
 
 if TYPE_CHECKING:
     from localizer.track.document import TrackHypothesis
 
 Mode = Literal["bootstrap", "whole DEM", "whole DEM after bootstrap failed"]
 
-COMMON_SHARE = 0.5
-"""Of a look's covariance that looks from places near by may share: DEM, lens, refraction."""
-FLOOR_CELLS = 0.25
-"""Two looks whose places differ by this much more than their sigmas say do not contradict each other."""
+COMMON_COVARIANCE_SHARE = 0.5
+"""Share of a measurement's covariance that measurements nearby may have in common: errors of DEM, lens and refraction."""
+UNMODELLED_ERROR_CELLS = 0.25
+"""Standard deviation, in cells, of errors that neither odometry nor search accounts for."""
 SAME_SPOT_CELLS, SAME_SPOT_M = 2.0, 50.0
-"""Moved by less than either, a vehicle sees the same again."""
-SURE = 0.9
-"""Probability from which a place is worth a search around it alone."""
+"""After a movement shorter than the larger of these, a measurement is from the same spot."""
+BOOTSTRAP_PROBABILITY = 0.9
+"""Probability of a place from which only its surroundings are searched."""
 RADIUS_SIGMAS, RADIUS_CELLS = 5.0, 5.0
-"""Of the circle that is searched."""
-INSIDE = 0.9
-"""Of its radius: a place nearer its edge may only be the way to one outside."""
-SEARCHED_ANEW_S = 30.0
-"""A search that took longer is not made anew without the altimeter: a vehicle waits for the answer."""
+"""Radius of the circle that is searched: the sum of both."""
+INNER_RADIUS_SHARE = 0.9
+"""A place outside this share of the radius is not accepted: its optimum may lie outside the circle."""
+LONGEST_REPEATED_SEARCH_S = 30.0
+"""A search that took longer is not repeated without the altimeter, because a vehicle waits for the result."""
 WIDEST_RADIUS_SHARE = 0.25
-"""Of the DEM's side: a wider circle saves nothing."""
-EVIDENCE_KEPT = 0.95
-"""A true place explains one look about as well as the next; one found near a wrong place explains less. A search near by needs
-that share of the last look's evidence, or the whole DEM is asked."""
+"""Largest radius as a share of the DEM's side: a larger circle saves no time."""
+BOOTSTRAP_EVIDENCE_SHARE = 0.95
+"""A bootstrap search needs this share of the evidence of the last measurement, or the whole DEM is searched: near a wrong place
+the evidence is smaller."""
 
 
 class TrackerError(SkyfixError):
@@ -223,10 +230,10 @@ class TrackStep:
 
 @dataclass(frozen=True)
 class Step:
-    """What one bundle came to. ``posteriors`` are all hypotheses after it, seen by it or not; ``tracker`` the new state.
+    """The result of one bundle. ``posteriors``: all hypotheses after it, measured by it or not; ``tracker``: the new state.
 
-    ``best`` is the fix's place with all that was solved for there, None where there is none. ``left_out``: the label of a
-    frame that contradicts the others, which the answer does without.
+    ``best``: the place of the fix with all estimated quantities, None without one. ``left_out``: the label of a frame that was
+    excluded because it contradicts the others.
     """
 
     bundle: str
@@ -244,7 +251,7 @@ class Step:
 
 
 def follow_bundle(tracker: Tracker, leg: Movement | None, terrain: Terrain, bundle: Bundle) -> Step:
-    """As ``follow``, from the pictures. Raises ``BundleError`` where one cannot be read."""
+    """As ``follow``, from the bundle's pictures. Raises ``BundleError`` if one cannot be read."""
     begin = time.perf_counter()
     skylines = [frame_skyline(bundle, frame) for frame in bundle.frames]
     timing_s = {"horizon": time.perf_counter() - begin}
@@ -259,45 +266,49 @@ def follow(
     bundle_id: str,
     timing_s: Mapping[str, float] | None = None,
 ) -> Step:
-    """Move the hypotheses along ``leg`` (None: unknown; of no account before the first look) and look.
+    """Predict the hypotheses by ``leg`` (None: unknown; ignored before the first measurement) and update them by a search.
 
-    A look that fits no place leaves the moved hypotheses as they are, and its own answer is ``none``. ``terrain`` is prepared
-    once for all steps.
+    If the search finds no place, the predicted hypotheses are kept, and the fix is ``none``. ``terrain`` is prepared once for
+    all steps.
     """
-    observation = altitude_as_trusted(observation, terrain.dem)
+    observation = with_datum_uncertainty(observation, terrain.dem)
     area_m2 = _area_m2(terrain)
-    moved = _moved(tracker, leg, area_m2)
-    mode, settled = _search(moved, terrain, observation)
-    located = settled.located
+    displaced = _predicted(tracker, leg, area_m2)
+    mode, checked = _search(displaced, terrain, observation)
+    located = checked.located
     timing = {**(timing_s or {}), **located.timing_s}
     if located.best is None:
         fix = fix_of(terrain, observation, located, bundle_id, timing)
-        fix = without_altimeter(
-            terrain, observation, fix, lambda o: locate(terrain, o, everywhere=False), SEARCHED_ANEW_S
+        fix = diagnose_altimeter(
+            terrain,
+            observation,
+            fix,
+            lambda o: locate(terrain, o, retry_all_cells=False),
+            LONGEST_REPEATED_SEARCH_S,
         )
-        kept = tuple(Posterior(h, None) for h in moved.now.hypotheses)
-        return Step(bundle_id, mode, fix, kept, moved, None)
+        kept = tuple(Posterior(h, None) for h in displaced.now.hypotheses)
+        return Step(bundle_id, mode, fix, kept, displaced, None)
     decision = located.decision
     candidates = list(zip(decision.candidates, (float(p) for p in decision.probabilities), strict=True))
-    look = _look(terrain, located, candidates, area_m2)
-    again = moved.since_m is not None and float(np.hypot(*moved.since_m)) < _same_spot_m(terrain)
-    known = moved.before if again else moved.now
-    posteriors = update(known, look)
-    # Without a history the search's own answer stands.
-    answer = _answer(terrain, located, candidates, posteriors) if known.hypotheses else located
+    measurement = _measurement(terrain, located, candidates, area_m2)
+    same_spot = displaced.since_m is not None and float(np.hypot(*displaced.since_m)) < _same_spot_m(terrain)
+    known = displaced.before if same_spot else displaced.now
+    posteriors = update(known, measurement)
+    # Without a history the result is that of the search.
+    answer = _combined(terrain, located, candidates, posteriors) if known.hypotheses else located
     fix = fix_of(terrain, observation, answer, bundle_id, timing)
-    if again and located.best.evidence < moved.look_evidence:
-        return Step(bundle_id, mode, fix, posteriors, moved, answer.best, settled.left_out)
+    if same_spot and located.best.evidence < displaced.look_evidence:
+        return Step(bundle_id, mode, fix, posteriors, displaced, answer.best, checked.left_out)
     after = Tracker(
         now=mixture_of(posteriors),
         before=known,
         since_m=(0.0, 0.0),
         look_evidence=located.best.evidence,
     )
-    return Step(bundle_id, mode, fix, posteriors, after, answer.best, settled.left_out)
+    return Step(bundle_id, mode, fix, posteriors, after, answer.best, checked.left_out)
 
 
-def _moved(tracker: Tracker, leg: Movement | None, area_m2: float) -> Tracker:
+def _predicted(tracker: Tracker, leg: Movement | None, area_m2: float) -> Tracker:
     since_m = None
     if leg is not None and tracker.since_m is not None:
         since_m = (tracker.since_m[0] + float(leg.step_m[0]), tracker.since_m[1] + float(leg.step_m[1]))
@@ -310,82 +321,85 @@ def _moved(tracker: Tracker, leg: Movement | None, area_m2: float) -> Tracker:
     )
 
 
-def _search(tracker: Tracker, terrain: Terrain, observation: Observation) -> tuple[Mode, Settled]:
-    """Near the one place known, if there is one, else everywhere that the bundle itself allows."""
-    circle = _circle(tracker, terrain)
+def _search(tracker: Tracker, terrain: Terrain, observation: Observation) -> tuple[Mode, CheckedAnswer]:
+    """Search around the known place, if there is one, else in the whole DEM or the bundle's own prior."""
+    circle = _bootstrap_circle(tracker, terrain)
     if circle is None:
-        return "whole DEM", _settled(terrain, observation)
-    near = _settled(terrain, dataclasses.replace(observation, prior=circle))
-    if _convinces(near.located, circle, tracker, terrain):
-        return "bootstrap", near
-    return "whole DEM after bootstrap failed", _settled(terrain, observation)
+        return "whole DEM", _checked_search(terrain, observation)
+    bootstrap = _checked_search(terrain, dataclasses.replace(observation, prior=circle))
+    if _is_convincing(bootstrap.located, circle, tracker, terrain):
+        return "bootstrap", bootstrap
+    return "whole DEM after bootstrap failed", _checked_search(terrain, observation)
 
 
-def _settled(terrain: Terrain, observation: Observation) -> Settled:
-    """The place, without a frame that contradicts the others."""
+def _checked_search(terrain: Terrain, observation: Observation) -> CheckedAnswer:
+    """Search, with the leave-one-out check of the frames."""
     located = locate(terrain, observation)
-    return settle_frames(
-        terrain, observation, located, lambda fewer: locate(terrain, fewer, everywhere=False)
+    return check_frames(
+        terrain, observation, located, lambda fewer: locate(terrain, fewer, retry_all_cells=False)
     )
 
 
-def _circle(tracker: Tracker, terrain: Terrain) -> PriorCircle | None:
+def _bootstrap_circle(tracker: Tracker, terrain: Terrain) -> PriorCircle | None:
     if not tracker.now.hypotheses:
         return None
     first = tracker.now.hypotheses[0]
     radius_m = RADIUS_SIGMAS * first.place.widest_m + RADIUS_CELLS * terrain.cell_m
-    settled = first.probability >= SURE and first.evidence >= CERTAIN_EVIDENCE
-    if not settled or radius_m > WIDEST_RADIUS_SHARE * np.sqrt(_area_m2(terrain)):
+    checked = first.probability >= BOOTSTRAP_PROBABILITY and first.evidence >= FIX_EVIDENCE
+    if not checked or radius_m > WIDEST_RADIUS_SHARE * np.sqrt(_area_m2(terrain)):
         return None
     return PriorCircle(first.place.lat_deg, first.place.lon_deg, radius_m)
 
 
-def _convinces(near: Located, circle: PriorCircle, tracker: Tracker, terrain: Terrain) -> bool:
-    """Whether a search that saw only a circle may do without the rest of the DEM."""
-    best = near.best
-    if best is None or near.decision.status != "fix":
+def _is_convincing(bootstrap: Located, circle: PriorCircle, tracker: Tracker, terrain: Terrain) -> bool:
+    """Whether a bootstrap result is accepted without a search of the whole DEM."""
+    best = bootstrap.best
+    if best is None or bootstrap.decision.status != "fix":
         return False
     lon_deg, lat_deg = (float(value) for value in rowcol_to_lonlat(terrain.dem, best.row, best.col))
     off_m = GEOD.inv(circle.lon_deg, circle.lat_deg, lon_deg, lat_deg)[2]
-    return bool(off_m <= INSIDE * circle.radius_m and best.evidence >= EVIDENCE_KEPT * tracker.look_evidence)
+    return bool(
+        off_m <= INNER_RADIUS_SHARE * circle.radius_m
+        and best.evidence >= BOOTSTRAP_EVIDENCE_SHARE * tracker.look_evidence
+    )
 
 
-def _look(
+def _measurement(
     terrain: Terrain, located: Located, candidates: list[tuple[Refined, float]], area_m2: float
-) -> Look:
+) -> Measurement:
     assert located.best is not None
     seen = []
     for number, (refined, probability) in enumerate(candidates):
         lon_deg, lat_deg = rowcol_to_lonlat(terrain.dem, refined.row, refined.col)
         covariance = refined.covariance_enu_m2
-        at = place(float(lat_deg), float(lon_deg), covariance, COMMON_SHARE * covariance)
-        seen.append(Seen(number, at, probability, refined.evidence))
-    return Look(
-        seen=tuple(seen),
-        chance=chance_of(located.best.evidence),
+        at = gaussian_place(float(lat_deg), float(lon_deg), covariance, COMMON_COVARIANCE_SHARE * covariance)
+        seen.append(MeasuredPlace(number, at, probability, refined.evidence))
+    return Measurement(
+        measured=tuple(seen),
+        outlier_probability=outlier_probability(located.best.evidence),
         area_m2=area_m2,
-        floor_m=FLOOR_CELLS * terrain.cell_m,
+        model_error_m=UNMODELLED_ERROR_CELLS * terrain.cell_m,
         same_m=SAME_PLACE_CELLS * terrain.cell_m,
     )
 
 
-def _answer(
+def _combined(
     terrain: Terrain,
     located: Located,
     candidates: list[tuple[Refined, float]],
     posteriors: tuple[Posterior, ...],
 ) -> Located:
-    """What the look and the history say together, of the places that this look shows: an old place is no answer."""
-    shown = [
-        (_refined(terrain, candidates[p.number][0], p.hypothesis.place), p.hypothesis)
+    """Posterior of the places that this bundle measured; hypotheses that it did not measure are no result."""
+    measured = [
+        (_at_posterior(terrain, candidates[p.number][0], p.hypothesis.place), p.hypothesis)
         for p in posteriors
         if p.number is not None
     ]
-    if not shown:
-        return dataclasses.replace(located, decision=nowhere(off_the_way()), best=None)
-    best, first = shown[0]
+    if not measured:
+        return dataclasses.replace(located, decision=no_place(excluded_by_track()), best=None)
+    best, first = measured[0]
     status: Literal["fix", "ambiguous"] = "fix" if stands_out(first, terrain.cell_m) else "ambiguous"
-    kept = [shown[0], *(s for s in shown[1:] if s[1].probability >= NEGLIGIBLE)]
+    kept = [measured[0], *(s for s in measured[1:] if s[1].probability >= NEGLIGIBLE)]
     probabilities = np.array([hypothesis.probability for _, hypothesis in kept])
     return dataclasses.replace(
         located,
@@ -401,15 +415,15 @@ def _answer(
 
 
 def stands_out(hypothesis: Hypothesis, cell_m: float) -> bool:
-    """Whether it may be called a fix, by the same measures as a single look's."""
+    """Whether a hypothesis is a fix, by the same criteria as a single search."""
     return (
-        hypothesis.probability >= CERTAIN
-        and hypothesis.evidence >= CERTAIN_EVIDENCE
-        and hypothesis.place.widest_m <= WIDEST_FIX_CELLS * cell_m
+        hypothesis.probability >= FIX_PROBABILITY
+        and hypothesis.evidence >= FIX_EVIDENCE
+        and hypothesis.place.widest_m <= LARGEST_FIX_SIGMA_CELLS * cell_m
     )
 
 
-def _refined(terrain: Terrain, candidate: Refined, at: Place) -> Refined:
+def _at_posterior(terrain: Terrain, candidate: Refined, at: GaussianPlace) -> Refined:
     row, col = lonlat_to_rowcol(terrain.dem, at.lon_deg, at.lat_deg)
     return dataclasses.replace(candidate, row=float(row), col=float(col), covariance_enu_m2=at.covariance)
 
@@ -419,6 +433,6 @@ def _same_spot_m(terrain: Terrain) -> float:
 
 
 def _area_m2(terrain: Terrain) -> float:
-    """Of the ground that the DEM covers."""
+    """Area that the DEM covers."""
     dem = terrain.dem
     return float(np.isfinite(dem.z_m).sum() * abs(dem.spacing_ns_m * dem.spacing_ew_m))

@@ -156,8 +156,7 @@ def _take_one(
     status = 0
     if dem is not None:
         from localizer.search.locate import locate_bundle
-        from localizer.show.text import notes
-        from localizer.show.text import report as fix_report
+        from localizer.show.text import fix_text, notes
 
         bundle = load_bundle(bundle_dir)
         located = locate_bundle(bundle, dem)
@@ -166,7 +165,7 @@ def _take_one(
             click.echo(f"rig: {note}", err=True)
         found["fix"] = json.loads(fix.to_json()) if as_json else None
         if not as_json:
-            click.echo(fix_report(fix, dem, None))
+            click.echo(fix_text(fix, dem, None))
         status = fix.exit_status
     if as_json:
         click.echo(json.dumps(found))

@@ -19,6 +19,7 @@ from sim.commands.failures import one_line_failures
 from sim.commands.options import EMBEDDED_DEM, dem_option
 from sim.commands.replay import replay
 from sim.commands.rigs import rigs
+from sim.commands.sensitivity import sensitivity
 from sim.errors import SimulationError
 from sim.launch.child_command import find_command, run_command
 
@@ -257,6 +258,7 @@ def paper(dem_paths: tuple[Path, ...], seed: int, doubt: bool, as_json: bool) ->
 
 
 sim.add_command(evaluate)
+sim.add_command(sensitivity)
 sim.add_command(completion_command("sim"))
 sim.add_command(rigs)
 sim.add_command(replay)

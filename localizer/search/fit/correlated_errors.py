@@ -1,13 +1,24 @@
-"""What makes the terrain's skyline differ from the one in the pictures, and how that is correlated along the ridges.
+"""Correlated errors of the DEM: Ornstein-Uhlenbeck and Matérn 3/2 processes in state-space form, whitened by a Kalman filter.
 
-A column's residual is the sum of three errors. The contour's own is independent from column to column. The other two are the
-DEM's: s metres seen from a distance of d metres are s / d radians. What the terrain does between the cells is forgotten in a
-cell (an Ornstein-Uhlenbeck process along the ground); what is wrong with the cells themselves goes on smoothly for many of them
-(a Matern process of smoothness 3/2). So a near ridge, which fills many columns with the same few cells, counts for little. Such
-processes plus white noise are whitened exactly by a Kalman filter of three states (Hartikainen and Särkkä, 2010).
+The residual of a column is the sum of three errors:
 
-Where the DEM errs, so does the place where one ridge disappears behind another: for some columns the horizon is another ridge
-than the predicted one. Hence a column may be astray, at a price.
+    r = w + h (rough(l) + smooth(l)),    h: radians per metre of DEM error, about 1 / distance.
+
+w is the contour's noise, independent in each column. ``rough`` and ``smooth`` are errors of the DEM along the ground, l metres
+along the ridge. With the step t between two columns, their autocorrelations are
+
+    rough:   exp(-t / cell)                         Ornstein-Uhlenbeck: what lies between the cells
+    smooth:  (1 + a) exp(-a),  a = sqrt(3) t / L    Matérn 3/2: errors of the cells themselves, correlation length L
+
+Such processes plus white noise form a linear Gaussian state-space model with three states (Hartikainen and Särkkä, 2010).
+A Kalman filter along the azimuth turns the residuals into independent innovations of unit variance in linear time. A near ridge
+fills many columns with the same few cells; its residuals are highly correlated and count for few samples.
+
+An error of the DEM can also make another ridge the horizon than the predicted one. A column whose innovation is too large is
+therefore treated as an outlier, with the constant negative log-likelihood OUTLIER_NLL.
+
+The parameters of the model are found by maximum marginal likelihood: the unknowns of the fit are integrated out (integrated
+likelihood), so that models with different parameters can be compared.
 """
 
 from dataclasses import dataclass
@@ -19,15 +30,20 @@ from localizer.jit import kernel
 
 Floats = NDArray[np.float64]
 
-SIZE_STEP, LENGTH_STEP = 1.6, 2.0
-"""Neighbouring models differ by these factors."""
-LENGTHS_CELLS = (2.0, 64.0)
+SIZE_STEP = 1.6
+"""Factor between neighbouring standard deviations of the grid of models."""
+LENGTH_STEP = 2.0
+"""Factor between neighbouring correlation lengths of the grid of models."""
+LENGTH_RANGE_CELLS = (2.0, 64.0)
+"""Range of the correlation length of the smooth error."""
 MOST_MODELS = 60
-ASTRAY = 6.0
-"""What it costs (in logarithms of probability) that a column is astray."""
-NEGLIGIBLE = 1e-3
-"""Models less likely than the best one by this factor are left out of the average."""
-_AROUND = (
+"""Models evaluated at most."""
+OUTLIER_NLL = 6.0
+"""Negative log-likelihood of an outlier column. Tuned on the scenario ``dem_error``. @S:fit.correlated_errors.OUTLIER_NLL@"""
+NEGLIGIBLE_SHARE = 1e-3
+"""Models whose likelihood is a smaller share of the best one's are left out of the average. Tuned on the scenario
+``dem_error``. @S:fit.correlated_errors.NEGLIGIBLE_SHARE@"""
+_NEIGHBOUR_STEPS = (
     *((-1, 0, 0), (1, 0, 0), (0, -1, 0), (0, 1, 0), (0, 0, -1), (0, 0, 1)),
     *((0, 1, 1), (0, -1, -1), (-1, 1, 0), (1, -1, 0)),
 )
@@ -35,12 +51,12 @@ _AROUND = (
 
 @dataclass(frozen=True)
 class ErrorModel:
-    """The DEM's error.
+    """Covariance model of the DEM's error.
 
     Attributes:
-        rough_m: standard deviation of what lies between the cells.
-        smooth_m: standard deviation of what is wrong with the cells.
-        length_m: how far the latter is correlated along the ground.
+        rough_m: standard deviation of the rough part.
+        smooth_m: standard deviation of the smooth part.
+        length_m: correlation length of the smooth part along the ground.
     """
 
     rough_m: float
@@ -54,17 +70,17 @@ class ErrorModel:
 
 
 @dataclass(frozen=True)
-class Range:
-    """What error models are thought of for a DEM of a certain cell size."""
+class ModelRange:
+    """Admissible error models for a DEM."""
 
     cell_m: float
     least_rough_m: float
     least_smooth_m: float
     largest_m: float
 
-    def admits(self, model: ErrorModel) -> bool:
+    def contains(self, model: ErrorModel) -> bool:
         """Whether a model lies in the range."""
-        shortest, longest = LENGTHS_CELLS
+        shortest, longest = LENGTH_RANGE_CELLS
         return (
             self.least_rough_m <= model.rough_m <= self.largest_m
             and self.least_smooth_m <= model.smooth_m <= self.largest_m
@@ -74,17 +90,17 @@ class Range:
 
 @dataclass(frozen=True)
 class Columns:
-    """What is known of n columns in the order of their azimuths, and of p parameters.
+    """The linearised problem: n columns ordered by azimuth, p parameters.
 
     Attributes:
         residual: (n,) radians.
-        jacobian: (n, p) its derivatives.
-        white: (n,) variances of what is independent in each column.
-        per_m: (n,) radians per metre of the DEM's error.
-        step_m: (n,) way along the ground from the column before; infinite where there is none.
-        cell_m: how far the rough part of the DEM's error reaches.
-        prior: (p, p) curvature of the negative logarithm of the parameters' prior.
-        pull: (p,) its slope.
+        jacobian: (n, p) derivatives of the residuals.
+        white: (n,) variances of the independent noise.
+        per_m: (n,) radians per metre of DEM error.
+        step_m: (n,) distance along the ground from the column before; infinite for the first.
+        cell_m: correlation length of the rough error.
+        prior_hessian: (p, p) of the negative log-prior.
+        prior_gradient: (p,) of the negative log-prior.
     """
 
     residual: Floats
@@ -93,85 +109,92 @@ class Columns:
     per_m: Floats
     step_m: Floats
     cell_m: float
-    prior: Floats
-    pull: Floats
+    prior_hessian: Floats
+    prior_gradient: Floats
 
 
 @dataclass(frozen=True)
-class Normal:
-    """The parameters' posterior under one model: curvature (p, p), slope (p,), and the cost of where they are.
+class NormalEquations:
+    """Gauss-Newton approximation of the negative log-posterior under one model: ``hessian`` (p, p), ``gradient`` (p,).
 
-    ``log_evidence``: logarithm of the likelihood with the parameters integrated out, but for a constant.
+    ``nll``: negative log-likelihood at the current parameters. ``log_evidence``: log marginal likelihood of the model, the
+    parameters integrated out by Laplace approximation, up to a constant: 0.5 g' H^-1 g - nll - 0.5 ln det S - 0.5 ln det H,
+    with the covariance S of the residuals.
     """
 
-    curvature: Floats
-    slope: Floats
-    cost: float
+    hessian: Floats
+    gradient: Floats
+    nll: float
     log_evidence: float
 
 
-def normal_equations(columns: Columns, model: ErrorModel, *, forgiving: bool = True) -> Normal:
-    """Generalised least squares; the cost is as ``whitened_cost``, priors left out."""
+def normal_equations(columns: Columns, model: ErrorModel, *, robust: bool = True) -> NormalEquations:
+    """Generalised least squares: J' S^-1 J + prior, J' S^-1 r + prior; ``nll`` is as of ``whitened_nll``, without priors."""
     both = np.column_stack([columns.jacobian, columns.residual])
-    log_scale, price = _whitened(both, columns, model, forgiving)
+    half_log_determinant, outlier_nll = _whitened(both, columns, model, robust)
     product = both.T @ both
-    curvature = product[:-1, :-1] + columns.prior
-    slope = product[:-1, -1] + columns.pull
-    cost = 0.5 * float(product[-1, -1]) + price
-    sign, log_determinant = np.linalg.slogdet(curvature)
-    gain = 0.5 * float(slope @ np.linalg.solve(curvature, slope)) if sign > 0 else -np.inf
-    return Normal(curvature, slope, cost, gain - cost - log_scale - 0.5 * float(log_determinant))
+    hessian = product[:-1, :-1] + columns.prior_hessian
+    gradient = product[:-1, -1] + columns.prior_gradient
+    nll = 0.5 * float(product[-1, -1]) + outlier_nll
+    sign, log_determinant = np.linalg.slogdet(hessian)
+    gain = 0.5 * float(gradient @ np.linalg.solve(hessian, gradient)) if sign > 0 else -np.inf
+    return NormalEquations(
+        hessian, gradient, nll, gain - nll - half_log_determinant - 0.5 * float(log_determinant)
+    )
 
 
-def whitened_cost(columns: Columns, model: ErrorModel, *, forgiving: bool = True) -> float:
-    """Half the sum of the squares of the whitened residuals, and the price of those astray.
+def whitened_nll(columns: Columns, model: ErrorModel, *, robust: bool = True) -> float:
+    """Half the sum of the squared whitened residuals, plus OUTLIER_NLL for each outlier.
 
-    Unless ``forgiving``, none are: while a fit is still on its way, what looks astray is what shows the way.
+    Without ``robust`` no column is an outlier. Early iterations need that: far from the optimum, large residuals carry the
+    information about the direction of descent.
     """
     residual = columns.residual[:, None].copy()
-    _, price = _whitened(residual, columns, model, forgiving)
-    return 0.5 * float((residual**2).sum()) + price
+    _, outlier_nll = _whitened(residual, columns, model, robust)
+    return 0.5 * float((residual**2).sum()) + outlier_nll
 
 
-def log_scale(columns: Columns, model: ErrorModel) -> float:
-    """Half the logarithm of the determinant of the residuals' covariance under a model."""
+def half_log_determinant(columns: Columns, model: ErrorModel) -> float:
+    """0.5 ln det of the covariance of the residuals under a model."""
     return _whitened(np.zeros((len(columns.residual), 0)), columns, model, False)[0]
 
 
-def likely_models(columns: Columns, start: ErrorModel, within: Range) -> list[tuple[ErrorModel, Normal]]:
-    """The most likely model near ``start`` and those about it that are not negligible, the best first.
+def likely_error_models(
+    columns: Columns, start: ErrorModel, limits: ModelRange
+) -> list[tuple[ErrorModel, NormalEquations]]:
+    """The model of maximum marginal likelihood near ``start``, and its neighbours that are not negligible, the best first.
 
-    Climbs on a grid of models, evenly spaced in the logarithms of the sizes and the length.
+    Hill climbing on a grid of models that is even in the logarithms of the parameters.
     """
-    found: dict[tuple[int, ...], tuple[ErrorModel, Normal] | None] = {}
+    found: dict[tuple[int, ...], tuple[ErrorModel, NormalEquations] | None] = {}
 
-    def look(at: tuple[int, ...]) -> float:
+    def evidence_of(at: tuple[int, ...]) -> float:
         if at not in found:
             model = ErrorModel(
                 start.rough_m * SIZE_STEP ** at[0],
                 start.smooth_m * SIZE_STEP ** at[1],
                 start.length_m * LENGTH_STEP ** at[2],
             )
-            admitted = within.admits(model) or not any(at)
-            found[at] = (model, normal_equations(columns, model)) if admitted else None
+            inside = limits.contains(model) or not any(at)
+            found[at] = (model, normal_equations(columns, model)) if inside else None
         entry = found[at]
         return entry[1].log_evidence if entry else -np.inf
 
-    here: tuple[int, ...] = (0, 0, 0)
-    look(here)
+    current: tuple[int, ...] = (0, 0, 0)
+    evidence_of(current)
     while len(found) < MOST_MODELS:
-        around = [tuple(np.add(here, step).tolist()) for step in _AROUND]
-        best = max(around, key=look)
-        if look(best) <= look(here):
+        neighbours = [tuple(np.add(current, step).tolist()) for step in _NEIGHBOUR_STEPS]
+        best = max(neighbours, key=evidence_of)
+        if evidence_of(best) <= evidence_of(current):
             break
-        here = best
-    seen = [entry for entry in found.values() if entry]
-    seen.sort(key=lambda entry: -entry[1].log_evidence)
-    least = seen[0][1].log_evidence + np.log(NEGLIGIBLE)
-    return [entry for entry in seen if entry[1].log_evidence >= least]
+        current = best
+    evaluated = [entry for entry in found.values() if entry]
+    evaluated.sort(key=lambda entry: -entry[1].log_evidence)
+    least = evaluated[0][1].log_evidence + np.log(NEGLIGIBLE_SHARE)
+    return [entry for entry in evaluated if entry[1].log_evidence >= least]
 
 
-def _whitened(values: Floats, columns: Columns, model: ErrorModel, forgiving: bool) -> tuple[float, float]:
+def _whitened(values: Floats, columns: Columns, model: ErrorModel, robust: bool) -> tuple[float, float]:
     return _whiten(
         values,
         columns.white,
@@ -180,7 +203,7 @@ def _whitened(values: Floats, columns: Columns, model: ErrorModel, forgiving: bo
         model.smooth_m,
         columns.step_m / columns.cell_m,
         np.sqrt(3.0) * columns.step_m / model.length_m,
-        forgiving,
+        robust,
     )
 
 
@@ -193,51 +216,53 @@ def _whiten(
     smooth: float,
     rough_step: Floats,
     smooth_step: Floats,
-    forgiving: bool,
+    robust: bool,
 ) -> tuple[float, float]:
-    """Turn each column of ``values`` (n, k) into innovations of unit variance.
+    """Kalman filter: replace each column of ``values`` (n, k) by its innovations, scaled to unit variance.
 
-    Returns half the logarithm of the determinant undone, and the price of what was taken for astray, which the last column of
-    ``values``, the residuals, decides. States: the rough process; the smooth one; its derivative, scaled to unit variance. The
-    steps are in correlation lengths.
+    States: the rough process; the smooth process; its derivative, scaled to unit variance. Transition of the smooth pair over a
+    step a in correlation lengths: exp(-a) [[1 + a, a], [-a, 1 - a]]. The steps are in correlation lengths.
+
+    Returns 0.5 ln det of the covariance, and the sum of OUTLIER_NLL. The last column of ``values``, the residuals, decides
+    which rows are outliers; such a row is set to zero in all columns, and the states are not updated.
     """
     n, k = values.shape
     state = np.zeros((3, k))
     p00, p11, p22, p01, p02, p12 = 1.0, 1.0, 1.0, 0.0, 0.0, 0.0
-    log_scale, price = 0.0, 0.0
+    half_log_determinant, outlier_nll = 0.0, 0.0
     for i in range(n):
         if smooth_step[i] > 30.0:
             p00, p11, p22, p01, p02, p12 = 1.0, 1.0, 1.0, 0.0, 0.0, 0.0
             state[:] = 0.0
         else:
-            keep = np.exp(-rough_step[i])
+            decay = np.exp(-rough_step[i])
             x = smooth_step[i]
             e = np.exp(-x)
             f11, f12, f21, f22 = e * (1.0 + x), e * x, -e * x, e * (1.0 - x)
-            p00 = keep * keep * p00 + 1.0 - keep * keep
-            p01, p02 = keep * (f11 * p01 + f12 * p02), keep * (f21 * p01 + f22 * p02)
+            p00 = decay * decay * p00 + 1.0 - decay * decay
+            p01, p02 = decay * (f11 * p01 + f12 * p02), decay * (f21 * p01 + f22 * p02)
             a, b, c = (
                 p11 - 1.0,
                 p22 - 1.0,
                 p12,
-            )  # deviation from the stationary covariance, which the step preserves
+            )  # deviation from the stationary covariance, which the transition preserves
             p11 = 1.0 + f11 * f11 * a + 2.0 * f11 * f12 * c + f12 * f12 * b
             p22 = 1.0 + f21 * f21 * a + 2.0 * f21 * f22 * c + f22 * f22 * b
             p12 = f11 * f21 * a + (f11 * f22 + f12 * f21) * c + f12 * f22 * b
             for j in range(k):
-                state[0, j] *= keep
+                state[0, j] *= decay
                 s1, s2 = state[1, j], state[2, j]
                 state[1, j] = f11 * s1 + f12 * s2
                 state[2, j] = f21 * s1 + f22 * s2
         h0, h1 = rough * per_m[i], smooth * per_m[i]
         c0, c1, c2 = h0 * p00 + h1 * p01, h0 * p01 + h1 * p11, h0 * p02 + h1 * p12
         total = h0 * c0 + h1 * c1 + white[i]
-        if forgiving:
-            surprise = values[i, k - 1] - h0 * state[0, k - 1] - h1 * state[1, k - 1]
-            if 0.5 * surprise * surprise / total > ASTRAY:
+        if robust:
+            innovation = values[i, k - 1] - h0 * state[0, k - 1] - h1 * state[1, k - 1]
+            if 0.5 * innovation * innovation / total > OUTLIER_NLL:
                 values[i, :] = 0.0
-                price += ASTRAY
-                log_scale += 0.5 * np.log(total)
+                outlier_nll += OUTLIER_NLL
+                half_log_determinant += 0.5 * np.log(total)
                 continue
         g0, g1, g2 = c0 / total, c1 / total, c2 / total
         p00 -= g0 * c0
@@ -247,11 +272,11 @@ def _whiten(
         p12 -= g1 * c2
         p22 -= g2 * c2
         scale = 1.0 / np.sqrt(total)
-        log_scale += 0.5 * np.log(total)
+        half_log_determinant += 0.5 * np.log(total)
         for j in range(k):
-            surprise = values[i, j] - h0 * state[0, j] - h1 * state[1, j]
-            state[0, j] += g0 * surprise
-            state[1, j] += g1 * surprise
-            state[2, j] += g2 * surprise
-            values[i, j] = surprise * scale
-    return log_scale, price
+            innovation = values[i, j] - h0 * state[0, j] - h1 * state[1, j]
+            state[0, j] += g0 * innovation
+            state[1, j] += g1 * innovation
+            state[2, j] += g2 * innovation
+            values[i, j] = innovation * scale
+    return half_log_determinant, outlier_nll

@@ -1,7 +1,9 @@
-"""The best place around a fit: looking about for rival peaks, and what these leave of the certainty.
+"""The best local optimum around a fit, and what the other optima nearby add to its covariance.
 
-Close to hills, and where a stretch of the contours is wrong, the likelihood has many peaks a few metres apart, and a descent
-ends at any of them.
+Near hills, or with a stretch of outliers, the posterior has many local optima a few metres apart, and a descent ends at any of
+them. The steps: a grid search under several DEM errors; refits from the best grid points with more columns; a finer grid and
+stricter outlier limits where the refits disagree; a final fit with all columns; then the average over the optima by their
+tempered posterior. A temperature T > 1 divides the log-posterior, because the error model is only approximately right.
 """
 
 from collections.abc import Sequence
@@ -14,51 +16,69 @@ from localizer.dem.horizon import Terrain
 from localizer.observation import Observation
 from localizer.search.contours import FrameContour
 from localizer.search.fit.correlated_errors import ErrorModel
-from localizer.search.fit.lattice import places_around, spread_around
-from localizer.search.fit.noise import FIRST_LENGTH_CELLS, Noise
+from localizer.search.fit.local_grid import grid_optima, grid_second_moment
+from localizer.search.fit.noise import INITIAL_LENGTH_CELLS, Noise
 from localizer.search.fit.problem import Problem
-from localizer.search.fit.refine import LIKELY_FROM, Refined, refine
+from localizer.search.fit.refine import LIKELIHOOD_FROM, Refined, refine
 from localizer.search.fit.residuals import evaluate
 
 Floats = NDArray[np.float64]
 
 COARSE_COLUMNS = 120
-"""Columns of all frames together in the first refinement of each start, and ..."""
-CONTEST_COLUMNS = 480
-"""... in the comparison of the contenders, and ..."""
+"""Columns of all frames together in coarse fits and on grids. Tuned on time. @S:fit.local_optima.COARSE_COLUMNS@"""
+MIDDLE_COLUMNS = 480
+"""Columns in comparisons of places. Tuned on time. @S:fit.local_optima.MIDDLE_COLUMNS@"""
 FINE_COLUMNS = 1000
-"""... where the peaks around the best of them are told apart."""
-LOOK_ABOUT_CELLS = (2.4, 0.4)
-"""How far around a fit other places are tried for a better one, and how far apart these are."""
-LOOK_ABOUT_STARTS = 3
-LOOK_ABOUT_ERRORS = (0.2, 1.5)
-"""What is taken for a DEM's error in that, in terms of what is usual."""
-LOOK_CLOSER_CELLS = (0.6, 0.15)
-"""The same around the best of the places found, where these are not one and the same."""
-SPREAD_CELLS = (3.0, 0.6)
-"""The same for how far places reach that are hardly less likely than the best one."""
-SPREAD_NATS, SPREAD_ITERATIONS = 15.0, 6
-"""A place with so much less evidence, fitted a little, is less likely. So is one whose fit goes back."""
-FINALISTS = 4
-HOPELESS_EVIDENCE = 0.0
-ONE_PLACE_CELLS = 0.05
-CLEAN_INLIERS = 0.98
-"""Share of columns that fit, from which there is no stretch that could bend the fit."""
-STRICT_SHARE, STRICT_FINALISTS = 0.3, 2
-"""Factor on the DEM's error that tells stray columns in a last attempt: a stretch that bent the fit may let go of it."""
-LIKELY_PEAK = 0.05
-"""Share of the best peak's likelihood."""
+"""Columns in the fits that distinguish the optima around one place. Tuned on time. @S:fit.local_optima.FINE_COLUMNS@"""
+GRID_CELLS = (2.4, 0.4)
+"""Reach and step of the search grid around a fit. Tuned on the scenario ``dem_error``. @S:fit.local_optima.GRID_CELLS@"""
+GRID_STARTS = 3
+"""Refits from the grid under each DEM error. Tuned on time and on the scenario ``dem_error``.
+@S:fit.local_optima.GRID_STARTS@"""
+GRID_ERROR_FACTORS = (0.2, 1.5)
+"""DEM errors on the grid, as factors of the nominal one. Tuned on the scenario ``dem_error``.
+@S:fit.local_optima.GRID_ERROR_FACTORS@"""
+FINE_GRID_CELLS = (0.6, 0.15)
+"""Reach and step of the finer grid, used if the refits end at different optima. Tuned on the scenario ``dem_error``.
+@S:fit.local_optima.FINE_GRID_CELLS@"""
+MOMENT_GRID_CELLS = (3.0, 0.6)
+"""Reach and step of the grid for the second moment. Tuned on the scenario ``dem_error``.
+@S:fit.local_optima.MOMENT_GRID_CELLS@"""
+MOMENT_NATS = 15.0
+"""A point of that grid is plausible if a short refit from it stays there and its evidence is lower by at most this. Tuned on
+the scenario ``dem_error``. @S:fit.local_optima.MOMENT_NATS@"""
+MOMENT_ITERATIONS = 6
+"""Iterations of that refit."""
+MOST_FINE_FITS = 4
+"""Optima that are refitted with fine columns. Tuned on time. @S:fit.local_optima.MOST_FINE_FITS@"""
+LEAST_EVIDENCE_TO_REFINE = 0.0
+"""A place with less evidence explains nothing and is not refined further."""
+SAME_OPTIMUM_CELLS = 0.05
+"""Fits this close together have reached the same optimum."""
+CLEAN_INLIER_SHARE = 0.98
+"""With a larger inlier share no stretch of outliers can bias the fit. Tuned on the scenario ``dem_error``.
+@S:fit.local_optima.CLEAN_INLIER_SHARE@"""
+STRICT_SIGMA_FACTOR = 0.3
+"""Factor on the DEM error where outliers are identified in the strict fits: a stretch that biased the fit can then become an
+outlier. Tuned on the scenario ``dem_error``. @S:fit.local_optima.STRICT_SIGMA_FACTOR@"""
+MOST_STRICT_FITS = 2
+"""Number of strict fits."""
+LIKELY_OPTIMUM_SHARE = 0.05
+"""Optima with at least this share of the best one's posterior contribute to the evidence. Tuned on the scenario ``dem_error``.
+@S:fit.local_optima.LIKELY_OPTIMUM_SHARE@"""
 LEAST_COLUMNS = 30
-"""Fewer cannot tell a place."""
+"""Fewer columns cannot determine a place."""
 SAME_PLACE_CELLS = 2.0
-BLUNTING_PER_M = 10.0
-"""By how much the log-likelihood of peaks close to each other is divided for each metre of the DEM's error: the error model is
-only about right, and what a horizon does where one ridge hides another depends on details that it does not have."""
+"""Fits this close together are one place."""
+TEMPERATURE_PER_M = 10.0
+"""Temperature of the posterior over optima, 1 + this per metre of smooth DEM error. The error model is only approximately
+right: where one ridge occludes another, the horizon depends on details that the model lacks. Tuned on the scenario
+``dem_error``. @S:fit.local_optima.TEMPERATURE_PER_M@"""
 
 
 @dataclass(frozen=True)
 class Problems:
-    """One standpoint with few columns for many attempts, and with more for fewer of them."""
+    """The problem of one standpoint at four numbers of columns."""
 
     coarse: Problem
     middle: Problem
@@ -71,29 +91,34 @@ def problems_of(
     observation: Observation,
     contours: tuple[FrameContour, ...],
     *,
-    believes_rim: bool = False,
-    block_columns: int | None = None,
+    uses_edge_columns: bool = False,
+    sector_columns: int | None = None,
 ) -> Problems:
-    """The observations and priors of one standpoint; the options are those of ``Problem``."""
+    """The problems of one standpoint; the options are those of ``Problem``."""
     columns = sum(len(c.rays) for c in contours)
 
     def thinned(most: int) -> Problem:
         stride = max(1, columns // most)
         return Problem(
-            terrain, observation, contours, stride, believes_rim=believes_rim, block_columns=block_columns
+            terrain,
+            observation,
+            contours,
+            stride,
+            uses_edge_columns=uses_edge_columns,
+            sector_columns=sector_columns,
         )
 
-    return Problems(*(thinned(most) for most in (COARSE_COLUMNS, CONTEST_COLUMNS, FINE_COLUMNS, columns)))
+    return Problems(*(thinned(most) for most in (COARSE_COLUMNS, MIDDLE_COLUMNS, FINE_COLUMNS, columns)))
 
 
-def within_the_dem(problems: Problems, place: Refined) -> Problems:
-    """The same without the columns whose horizon lies, from a place, where the DEM ends; as they are where too few are left.
+def without_edge_columns(problems: Problems, place: Refined) -> Problems:
+    """The problems without the columns that lie at the DEM edge as seen from a place; unchanged if too few are left.
 
-    Places close to each other are compared by the same columns: else one would win that has less of its horizon there. What
-    is left of a stretch of the horizon speaks for no more than it did.
+    Places close together are then compared on the same columns. A sector that lost columns keeps its nominal number of
+    columns, so that the rest of it does not gain weight (effective sample size).
     """
     full = problems.full
-    inside = ~_rim_from(full, place)
+    inside = ~_edge_columns(full, place)
     if np.count_nonzero(inside) < LEAST_COLUMNS:
         return problems
     contours = []
@@ -104,67 +129,72 @@ def within_the_dem(problems: Problems, place: Refined) -> Problems:
         full.terrain,
         full.observation,
         tuple(contours),
-        believes_rim=True,
-        block_columns=full.block_columns,
+        uses_edge_columns=True,
+        sector_columns=full.sector_columns,
     )
 
 
-def sees_rim(problem: Problem, place: Refined) -> bool:
-    """Whether any column has its horizon, as seen from a place, where the DEM ends."""
-    return bool(_rim_from(problem, place).any())
+def has_edge_columns(problem: Problem, place: Refined) -> bool:
+    """Whether the predicted horizon of any column lies at the DEM edge."""
+    return bool(_edge_columns(problem, place).any())
 
 
-def _rim_from(problem: Problem, place: Refined) -> NDArray[np.bool_]:
-    frame = problem.terrain.frames.at(place.row, place.col)[0]
-    return evaluate(problem, place.parameters(), (place.row, place.col), frame).rim
+def _edge_columns(problem: Problem, place: Refined) -> NDArray[np.bool_]:
+    coefficients = problem.terrain.geodesics.at(place.row, place.col)[0]
+    return evaluate(problem, place.parameters(), (place.row, place.col), coefficients).dem_edge
 
 
-def best_nearby(problems: Problems, start: Refined, largest: float) -> Refined:
-    """The best place around a coarse fit, with all columns, its noise estimated there.
+def best_local_optimum(problems: Problems, start: Refined, largest: float) -> Refined:
+    """The best local optimum around a coarse fit, with all columns and its own noise.
 
-    A fit beside the best place may have taken its misfit for the DEM's error, and a larger error leaves it no reason to move.
-    So the search about it takes several sizes for granted, each of the places found has its own noise estimated, and the
-    likeliest under its own counts. Where nothing explains the contours better than chance does, it is not looked for closer.
+    A fit in a wrong optimum may attribute its residuals to the DEM error, and with a large DEM error nothing moves it away. The
+    grid search therefore assumes several DEM errors, each optimum gets its own noise, and the one with the best posterior
+    under its own noise counts. A place without evidence is not refined further.
     """
-    problems = within_the_dem(problems, start)
-    found = again(problems.middle, start, largest, settle=True)
-    usual = problems.full.usual_error_m
-    length_m = FIRST_LENGTH_CELLS * problems.full.terrain.cell_m
-    correlation = found.correlation_columns
-    noises = [Noise(found.dem_error_m, correlation, found.error_model)] + [
+    problems = without_edge_columns(problems, start)
+    first_fit = refit(problems.middle, start, largest, estimate_noise=True)
+    usual = problems.full.nominal_error_m
+    length_m = INITIAL_LENGTH_CELLS * problems.full.terrain.cell_m
+    correlation = first_fit.correlation_columns
+    noises = [Noise(first_fit.dem_error_m, correlation, first_fit.error_model)] + [
         Noise(share * usual, correlation, ErrorModel(0.1 * share * usual, share * usual, length_m))
-        for share in LOOK_ABOUT_ERRORS
+        for share in GRID_ERROR_FACTORS
     ]
-    fits = _looked_about(problems, found, noises, largest, settle=True)
-    if max(fit.evidence for fit in [found, *fits]) < HOPELESS_EVIDENCE:
+    fits = _fits_from_grid(problems, first_fit, noises, largest, estimate_noise=True)
+    if max(fit.evidence for fit in [first_fit, *fits]) < LEAST_EVIDENCE_TO_REFINE:
         thinned = len(problems.full.sigma_rad) / len(problems.middle.sigma_rad)
-        return replace(found, correlation_columns=found.correlation_columns * thinned)
-    starts = distinct([found, *sorted(fits, key=lambda r: r.fit_cost)], LOOK_ABOUT_CELLS[1])[:FINALISTS]
-    finals = [_settled(problems.fine, start, largest) for start in starts]
-    strictly: list[Refined] = []
-    best = min(finals, key=lambda r: r.fit_cost)
-    if best.inlier_share < CLEAN_INLIERS or len(distinct(finals, ONE_PLACE_CELLS)) > 1:
-        finals += _looked_closer(problems, best, largest)
-        promising = sorted(finals, key=lambda r: r.fit_cost)[:STRICT_FINALISTS]
-        strictly = [_settled(problems.fine, final, largest, strict=STRICT_SHARE) for final in promising]
-    finals = sorted([*finals, *strictly], key=lambda r: r.fit_cost)
-    strict = STRICT_SHARE if any(finals[0] is fit for fit in strictly) else 1.0
-    best = _settled(problems.full, finals[0], largest, strict=strict)
-    return _weighed(problems, best, finals, fits, largest)
+        return replace(first_fit, correlation_columns=first_fit.correlation_columns * thinned)
+    starts = distinct([first_fit, *sorted(fits, key=lambda r: r.neg_log_posterior)], GRID_CELLS[1])[
+        :MOST_FINE_FITS
+    ]
+    fine_fits = [_refit_with_noise(problems.fine, start, largest) for start in starts]
+    strict_fits: list[Refined] = []
+    best = min(fine_fits, key=lambda r: r.neg_log_posterior)
+    if best.inlier_share < CLEAN_INLIER_SHARE or len(distinct(fine_fits, SAME_OPTIMUM_CELLS)) > 1:
+        fine_fits += _fits_from_fine_grid(problems, best, largest)
+        promising = sorted(fine_fits, key=lambda r: r.neg_log_posterior)[:MOST_STRICT_FITS]
+        strict_fits = [
+            _refit_with_noise(problems.fine, final, largest, sigma_factor=STRICT_SIGMA_FACTOR)
+            for final in promising
+        ]
+    fine_fits = sorted([*fine_fits, *strict_fits], key=lambda r: r.neg_log_posterior)
+    sigma_factor = STRICT_SIGMA_FACTOR if any(fine_fits[0] is fit for fit in strict_fits) else 1.0
+    best = _refit_with_noise(problems.full, fine_fits[0], largest, sigma_factor=sigma_factor)
+    return _averaged_over_optima(problems, best, fine_fits, fits, largest)
 
 
-def again(
+def refit(
     problem: Problem,
     start: Refined,
     largest: float,
     *,
-    settle: bool = False,
+    estimate_noise: bool = False,
     noise: Noise | None = None,
     iterations: int = 24,
-    likely_from: int = LIKELY_FROM,
-    strict: float = 1.0,
+    likelihood_from: int = LIKELIHOOD_FROM,
+    sigma_factor: float = 1.0,
 ) -> Refined:
-    """Refine once more from where another refinement ended, with its ``noise`` to begin with where no other is given."""
+    """Refine from the result of another fit, with its noise unless ``noise`` is given."""
     return refine(
         problem,
         start.row,
@@ -174,14 +204,14 @@ def again(
         iterations=iterations,
         noise=noise or Noise(start.dem_error_m, start.correlation_columns, start.error_model),
         largest_dem_error_m=largest,
-        settle=settle,
-        likely_from=likely_from,
-        strict=strict,
+        estimate_noise=estimate_noise,
+        likelihood_from=likelihood_from,
+        sigma_factor=sigma_factor,
     )
 
 
-def noise_for(thinning: float, fit: Refined) -> Noise:
-    """The noise of a fit, for a problem with fewer columns by a factor."""
+def rescaled_noise(thinning: float, fit: Refined) -> Noise:
+    """The noise of a fit for a problem whose columns are fewer by the factor ``thinning``."""
     return Noise(fit.dem_error_m, max(1.0, fit.correlation_columns / thinning), fit.error_model)
 
 
@@ -194,92 +224,96 @@ def distinct(candidates: list[Refined], radius_cells: float) -> list[Refined]:
     return kept
 
 
-def _looked_about(
-    problems: Problems, found: Refined, noises: Sequence[Noise], largest: float, *, settle: bool
+def _fits_from_grid(
+    problems: Problems, first_fit: Refined, noises: Sequence[Noise], largest: float, *, estimate_noise: bool
 ) -> list[Refined]:
-    """Fits from the likeliest places around another under each noise, which is held unless they ``settle`` their own."""
+    """Fits from the best grid points around another fit under each noise."""
     return [
-        again(
+        refit(
             problems.middle,
-            replace(found, row=row, col=col, altitude_m=altitude_m),
+            replace(first_fit, row=row, col=col, altitude_m=altitude_m),
             largest,
-            settle=settle,
+            estimate_noise=estimate_noise,
             noise=noise,
             iterations=8,
-            likely_from=0,
+            likelihood_from=0,
         )
-        for row, col, altitude_m, noise in places_around(
-            problems.coarse, found, noises, *LOOK_ABOUT_CELLS, LOOK_ABOUT_STARTS
+        for row, col, altitude_m, noise in grid_optima(
+            problems.coarse, first_fit, noises, *GRID_CELLS, GRID_STARTS
         )
     ]
 
 
-def _looked_closer(problems: Problems, best: Refined, largest: float) -> list[Refined]:
-    """Fits from the likeliest places close around the best one so far."""
+def _fits_from_fine_grid(problems: Problems, best: Refined, largest: float) -> list[Refined]:
+    """Fits from the best points of the fine grid around the best fit so far."""
     ratio = len(problems.middle.sigma_rad) / len(problems.fine.sigma_rad)
     noise = Noise(best.dem_error_m, max(1.0, best.correlation_columns * ratio), best.error_model)
-    places = places_around(problems.middle, best, [noise], *LOOK_CLOSER_CELLS, LOOK_ABOUT_STARTS)
+    places = grid_optima(problems.middle, best, [noise], *FINE_GRID_CELLS, GRID_STARTS)
     return [
-        _settled(problems.fine, replace(best, row=row, col=col, altitude_m=altitude_m), largest)
+        _refit_with_noise(problems.fine, replace(best, row=row, col=col, altitude_m=altitude_m), largest)
         for row, col, altitude_m, _ in places
     ]
 
 
-def _settled(problem: Problem, start: Refined, largest: float, strict: float = 1.0) -> Refined:
-    """A fit that starts from another one's noise and settles its own."""
-    return again(problem, start, largest, settle=True, likely_from=0, strict=strict)
+def _refit_with_noise(problem: Problem, start: Refined, largest: float, sigma_factor: float = 1.0) -> Refined:
+    """A fit that starts with another one's noise and estimates its own."""
+    return refit(problem, start, largest, estimate_noise=True, likelihood_from=0, sigma_factor=sigma_factor)
 
 
-def _weighed(
-    problems: Problems, best: Refined, finals: list[Refined], others: list[Refined], largest: float
+def _averaged_over_optima(
+    problems: Problems, best: Refined, fine_fits: list[Refined], coarse_fits: list[Refined], largest: float
 ) -> Refined:
-    """The best fit, moved to the mean of all finals by their likelihoods, its covariance widened by how far the fits lie apart.
+    """The best fit moved to the mean over the optima by their tempered posterior, with the total covariance.
 
-    And by how far around it the likelihood is flat, or has peaks that no fit ended in. ``best`` has all columns, ``finals``,
-    the best of them first, fewer; ``others``, of fewer still, only widen it. Whichever of the likely peaks explains the
-    contours best, by so much the place does.
+    The covariance is that of the best fit, plus the spread of the optima, plus the second moment on a grid for optima that no
+    fit reached. ``best``: with all columns; ``fine_fits``: with fewer, the best first; ``coarse_fits`` contribute only to
+    the spread. The evidence is the largest among the likely optima.
     """
     terrain, coarse = problems.full.terrain, problems.coarse
-    blunting = 1.0 if terrain.exact else 1.0 + BLUNTING_PER_M * best.error_model.smooth_m
+    temperature = 1.0 if terrain.exact else 1.0 + TEMPERATURE_PER_M * best.error_model.smooth_m
 
     def likelihood(fits: list[Refined]) -> Floats:
-        cost = np.array([r.fit_cost for r in fits])
-        return np.asarray(np.exp((cost.min() - cost) / blunting)) if fits else cost
+        cost = np.array([r.neg_log_posterior for r in fits])
+        return np.asarray(np.exp((cost.min() - cost) / temperature)) if fits else cost
 
-    weight = likelihood(finals)
-    place = np.array([[r.row, r.col] for r in finals])
+    weight = likelihood(fine_fits)
+    place = np.array([[r.row, r.col] for r in fine_fits])
     mean = weight @ place / weight.sum()
     near = np.hypot(*(place - [best.row, best.col]).T) <= SAME_PLACE_CELLS
-    likely = [fit for fit, counts in zip(finals, near & (weight >= LIKELY_PEAK), strict=True) if counts]
-    share = np.concatenate([weight, likelihood(others)])
+    likely = [
+        fit for fit, counts in zip(fine_fits, near & (weight >= LIKELY_OPTIMUM_SHARE), strict=True) if counts
+    ]
+    share = np.concatenate([weight, likelihood(coarse_fits)])
     share /= share.sum()
-    off = np.vstack([place, *([[r.row, r.col]] for r in others)]) - mean
+    off = np.vstack([place, *([[r.row, r.col]] for r in coarse_fits)]) - mean
     off_m = off[:, ::-1] * np.array([terrain.dem.spacing_ew_m, -terrain.dem.spacing_ns_m])
     row, col = np.array([best.row, best.col]) + mean - place[0]
-    moved = _moved(best, float(row), float(col), terrain)
-    noise = noise_for(coarse.stride, best)
-    # Where the noise is each column's own, few columns tell as much less; the DEM's is blunted anyway.
+    averaged = _at(best, float(row), float(col), terrain)
+    noise = rescaled_noise(coarse.stride, best)
+    # With independent noise, fewer columns carry less information: scale the temperature.
     fewer = len(coarse.sigma_rad) / len(problems.full.sigma_rad)
-    here = again(coarse, moved, largest, noise=noise, iterations=SPREAD_ITERATIONS)
+    reference = refit(coarse, averaged, largest, noise=noise, iterations=MOMENT_ITERATIONS)
 
     def plausible(row: float, col: float, altitude_m: float) -> bool:
-        start = replace(moved, row=row, col=col, altitude_m=altitude_m)
-        there = again(coarse, start, largest, noise=noise, iterations=SPREAD_ITERATIONS)
-        stays = np.hypot(there.row - row, there.col - col) < np.hypot(
-            there.row - moved.row, there.col - moved.col
+        start = replace(averaged, row=row, col=col, altitude_m=altitude_m)
+        refitted = refit(coarse, start, largest, noise=noise, iterations=MOMENT_ITERATIONS)
+        stays = np.hypot(refitted.row - row, refitted.col - col) < np.hypot(
+            refitted.row - averaged.row, refitted.col - averaged.col
         )
-        return bool(stays and there.evidence >= here.evidence - SPREAD_NATS)
+        return bool(stays and refitted.evidence >= reference.evidence - MOMENT_NATS)
 
-    flat = spread_around(coarse, moved, noise, *SPREAD_CELLS, fewer * blunting, plausible)
+    grid_moment_m2 = grid_second_moment(
+        coarse, averaged, noise, *MOMENT_GRID_CELLS, fewer * temperature, plausible
+    )
     return replace(
-        moved,
-        covariance_enu_m2=best.covariance_enu_m2 + (share[:, None] * off_m).T @ off_m + flat,
+        averaged,
+        covariance_enu_m2=best.covariance_enu_m2 + (share[:, None] * off_m).T @ off_m + grid_moment_m2,
         evidence=max(fit.evidence for fit in [best, *likely]),
     )
 
 
-def _moved(fit: Refined, row: float, col: float, terrain: Terrain) -> Refined:
-    """The same a little way off, as high above the ground."""
+def _at(fit: Refined, row: float, col: float, terrain: Terrain) -> Refined:
+    """The fit at a position nearby, at the same height above the ground."""
     rise_m = float(terrain.dem.ground_m(row, col)) - float(terrain.dem.ground_m(fit.row, fit.col))
     altitude_m = fit.altitude_m + (rise_m if np.isfinite(rise_m) else 0.0)
     return replace(fit, row=row, col=col, altitude_m=altitude_m)

@@ -1,8 +1,8 @@
-"""What the residuals are made of, estimated from themselves.
+"""Estimation of the noise from the residuals (empirical Bayes).
 
-A column's uncertainty is its own sigma in the image and the DEM's error seen from afar, which neighbouring columns share
-(`error_model`). How large that error is, is estimated from the residuals: robustly at first, from their median, to tell stray
-columns from others; then by its likelihood, together with how far it reaches along the ground.
+The variance of a column is that of the contour, which is given, and that of the DEM error, which is estimated here: at first
+robustly from the median absolute residual (MAD = 0.6745 sigma), to identify outliers; later by maximum marginal likelihood,
+together with its correlation length (``correlated_errors``).
 """
 
 from dataclasses import dataclass
@@ -11,44 +11,49 @@ import numpy as np
 from numpy.typing import NDArray
 
 from localizer.dem.horizon import Terrain
-from localizer.search.fit.correlated_errors import ErrorModel, Range, likely_models
-from localizer.search.fit.objective import columns_along
-from localizer.search.fit.outliers import telling_columns, weights
+from localizer.search.fit.correlated_errors import ErrorModel, ModelRange, likely_error_models
+from localizer.search.fit.objective import ordered_columns
+from localizer.search.fit.outliers import informative_columns, weights
 from localizer.search.fit.problem import Problem
-from localizer.search.fit.residuals import BETWEEN_CELLS, Evaluation, residual_sigma
+from localizer.search.fit.residuals import INTERPOLATION_ERROR_SHARE, Evaluation, residual_sigma
 
 Floats = NDArray[np.float64]
 
-SMALLEST_DEM_ERROR_M = 0.1
-SMALLEST_SMOOTH_M = 0.05
+LEAST_DEM_ERROR_M = 0.1
+"""Least robust estimate of the DEM error. Tuned on the simulated cases of ``sim evaluate``. @S:fit.noise.LEAST_DEM_ERROR_M@"""
+LEAST_SMOOTH_M = 0.05
+"""Least smooth DEM error. Tuned on the simulated cases of ``sim evaluate``. @S:fit.noise.LEAST_SMOOTH_M@"""
 LEAST_ROUGH_SHARE = 0.15
-"""No DEM is better than this, in terms of what the ground does between its cells."""
-FIRST_LENGTH_CELLS = 8.0
-"""How far a DEM's error is taken to reach along the ground until its likelihood tells: hardly, so that all columns count."""
-LEAST_CORRELATION = 0.05
-"""Where the correlation has fallen to this it is lost in its own noise."""
+"""Least rough DEM error, as a share of the interpolation error between the cells. Tuned on the scenario ``dem_error``.
+@S:fit.noise.LEAST_ROUGH_SHARE@"""
+INITIAL_LENGTH_CELLS = 8.0
+"""Correlation length until it is estimated: short, so that all columns count. Tuned on the scenario ``dem_error``.
+@S:fit.noise.INITIAL_LENGTH_CELLS@"""
+LEAST_AUTOCORRELATION = 0.05
+"""The sum of the autocorrelations is cut off where they fall below this. Tuned on the simulated cases of ``sim evaluate``.
+@S:fit.noise.LEAST_AUTOCORRELATION@"""
 
 
 @dataclass(frozen=True)
 class Noise:
-    """What the residuals are made of.
+    """The noise of the residuals.
 
-    ``spread_m`` is the DEM's error for which the median residual is what it should be, ``correlation_columns`` how many
-    neighbouring columns are worth one independent one: they tell stray columns and chance. ``model`` weighs the columns.
+    ``robust_sigma_m``: DEM error by the median absolute residual; it identifies outliers. ``correlation_columns``: columns per
+    effective sample, for the evidence. ``model``: covariance model that whitens the residuals.
     """
 
-    spread_m: float
+    robust_sigma_m: float
     correlation_columns: float
     model: ErrorModel
 
 
-def usual_noise(terrain: Terrain, dem_error_m: float) -> Noise:
-    """What the residuals are taken for before there are any."""
+def initial_noise(terrain: Terrain, dem_error_m: float) -> Noise:
+    """The noise before there are residuals to estimate it from."""
     return Noise(
         dem_error_m,
         1.0,
         ErrorModel(
-            dem_error_m, min(SMALLEST_SMOOTH_M, terrain.usual_error_m), FIRST_LENGTH_CELLS * terrain.cell_m
+            dem_error_m, min(LEAST_SMOOTH_M, terrain.nominal_error_m), INITIAL_LENGTH_CELLS * terrain.cell_m
         ),
     )
 
@@ -56,70 +61,78 @@ def usual_noise(terrain: Terrain, dem_error_m: float) -> Noise:
 def estimated_noise(
     problem: Problem,
     x: Floats,
-    here: Evaluation,
-    before: Noise,
+    evaluation: Evaluation,
+    previous: Noise,
     largest_dem_error_m: float,
     by_likelihood: bool,
 ) -> Noise:
-    """The noise by the residuals at a place, given what it was taken for ``before``."""
-    telling = telling_columns(here, residual_sigma(problem, here, before.spread_m))
-    spread_m = _dem_error(problem, here, telling, largest_dem_error_m)
-    normalised = here.residual / residual_sigma(problem, here, spread_m)
-    within = possible_models(problem, largest_dem_error_m)
+    """The noise estimated from the residuals at a place; ``previous``: the estimate that they were weighted with."""
+    informative = informative_columns(
+        evaluation, residual_sigma(problem, evaluation, previous.robust_sigma_m)
+    )
+    robust_sigma_m = _robust_dem_error_m(problem, evaluation, informative, largest_dem_error_m)
+    normalised = evaluation.residual / residual_sigma(problem, evaluation, robust_sigma_m)
+    limits = possible_models(problem, largest_dem_error_m)
     if not by_likelihood:
-        # All of it taken for rough, so that no stretch of the horizon is explained away.
-        length_m = FIRST_LENGTH_CELLS * problem.terrain.cell_m
-        model = ErrorModel(max(spread_m, within.least_rough_m), within.least_smooth_m, length_m)
+        # All of it counts as rough, so that a smooth error cannot absorb the residuals of a whole sector.
+        length_m = INITIAL_LENGTH_CELLS * problem.terrain.cell_m
+        model = ErrorModel(max(robust_sigma_m, limits.least_rough_m), limits.least_smooth_m, length_m)
     else:
-        columns = columns_along(problem, x, here, before.model, weights(telling, normalised))
+        columns = ordered_columns(problem, x, evaluation, previous.model, weights(informative, normalised))
         start = ErrorModel(
-            max(0.5 * before.model.rough_m, within.least_rough_m),
-            max(before.model.smooth_m, 0.5 * spread_m, within.least_smooth_m),
-            before.model.length_m,
+            max(0.5 * previous.model.rough_m, limits.least_rough_m),
+            max(previous.model.smooth_m, 0.5 * robust_sigma_m, limits.least_smooth_m),
+            previous.model.length_m,
         )
-        model = likely_models(columns, start, within)[0][0]
-    return Noise(spread_m, _correlation(problem, telling, normalised), model)
+        model = likely_error_models(columns, start, limits)[0][0]
+    return Noise(robust_sigma_m, _autocorrelation_columns(problem, informative, normalised), model)
 
 
-def possible_models(problem: Problem, largest_dem_error_m: float) -> Range:
-    """The error models among which the residuals decide."""
-    terrain, usual_m = problem.terrain, problem.usual_error_m
-    between_m = 0.0 if terrain.exact else LEAST_ROUGH_SHARE * BETWEEN_CELLS * terrain.mean_bend_m
-    return Range(
+def possible_models(problem: Problem, largest_dem_error_m: float) -> ModelRange:
+    """The range of error models to choose from."""
+    terrain, usual_m = problem.terrain, problem.nominal_error_m
+    between_m = (
+        0.0
+        if terrain.exact
+        else LEAST_ROUGH_SHARE * INTERPOLATION_ERROR_SHARE * terrain.mean_second_difference_m
+    )
+    return ModelRange(
         cell_m=terrain.cell_m,
         least_rough_m=min(between_m + 0.01, usual_m),
-        least_smooth_m=min(SMALLEST_SMOOTH_M, usual_m),
+        least_smooth_m=min(LEAST_SMOOTH_M, usual_m),
         largest_m=largest_dem_error_m,
     )
 
 
-def _dem_error(problem: Problem, here: Evaluation, telling: NDArray[np.bool_], largest: float) -> float:
-    """The DEM's error for which the median residual is what a Gaussian's is (0.6745 sigma)."""
-    if not telling.any():
+def _robust_dem_error_m(
+    problem: Problem, evaluation: Evaluation, informative: NDArray[np.bool_], largest: float
+) -> float:
+    """DEM error for which the median absolute normalised residual is 0.6745, as of a Gaussian; by bisection."""
+    if not informative.any():
         return largest
-    size = np.abs(here.residual[telling])
-    low, high = min(SMALLEST_DEM_ERROR_M, problem.usual_error_m), largest
-    if np.median(size / residual_sigma(problem, here, low)[telling]) <= 0.6745:
+    size = np.abs(evaluation.residual[informative])
+    low, high = min(LEAST_DEM_ERROR_M, problem.nominal_error_m), largest
+    if np.median(size / residual_sigma(problem, evaluation, low)[informative]) <= 0.6745:
         return low
     for _ in range(30):
         middle = np.sqrt(low * high)
-        if np.median(size / residual_sigma(problem, here, middle)[telling]) > 0.6745:
+        if np.median(size / residual_sigma(problem, evaluation, middle)[informative]) > 0.6745:
             low = middle
         else:
             high = middle
     return float(high)
 
 
-def _correlation(problem: Problem, telling: NDArray[np.bool_], normalised: Floats) -> float:
-    """How many columns are worth one: one plus twice the sum of the correlations along the contours, 1 for white noise."""
-    value = normalised * np.sqrt(weights(telling, normalised))
+def _autocorrelation_columns(problem: Problem, informative: NDArray[np.bool_], normalised: Floats) -> float:
+    """Columns per effective sample: 1 + 2 (sum of the autocorrelations along the contours); 1 for white noise."""
+    value = normalised * np.sqrt(weights(informative, normalised))
     frames = [value[problem.frame_of == i] for i in range(len(problem.contours))]
     power = max(float((value**2).mean()), 1e-12)
     total = 1.0
     for lag in range(1, max(len(v) for v in frames) // 3):
         products = np.concatenate([v[lag:] * v[:-lag] for v in frames if len(v) > lag])
         rho = float(products.mean()) / power
-        if rho < LEAST_CORRELATION:
+        if rho < LEAST_AUTOCORRELATION:
             break
         total += 2.0 * rho
     return total

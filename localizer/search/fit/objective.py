@@ -1,87 +1,106 @@
-"""What a place costs: the columns along the horizon and the priors, as the error model weighs them."""
+"""The objective: the negative log-posterior of the unknowns, up to a constant.
+
+It is the sum of half the squared whitened residuals, the log-normalisation of their covariance, the outliers' part, and half
+the squared normalised deviations from the priors.
+"""
 
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from localizer.search.fit.correlated_errors import Columns, ErrorModel, log_scale, whitened_cost
-from localizer.search.fit.outliers import telling_columns, visible_columns, visible_residual, weights
+from localizer.search.fit.correlated_errors import Columns, ErrorModel, half_log_determinant, whitened_nll
+from localizer.search.fit.outliers import informative_columns, visible_columns, visible_residual, weights
 from localizer.search.fit.problem import ALTITUDE, EAST, NORTH, Problem
-from localizer.search.fit.residuals import STEEPEST, Evaluation
+from localizer.search.fit.residuals import LARGEST_SLOPE, Evaluation
 
 Floats = NDArray[np.float64]
 
-GROUND_SHARE = 1.5
-"""The ground under the camera is known less well than a ridge, which the profile of a whole mountain carries."""
+GROUND_ERROR_FACTOR = 1.5
+"""Error of the ground under the camera over that of a ridge, whose height follows from the profile of a whole mountain. Tuned
+on the simulated cases of ``sim evaluate``. @S:fit.objective.GROUND_ERROR_FACTOR@"""
 
 
-def columns_along(
-    problem: Problem, x: Floats, here: Evaluation, model: ErrorModel, weight: Floats
+def ordered_columns(
+    problem: Problem, x: Floats, evaluation: Evaluation, model: ErrorModel, weight: Floats
 ) -> Columns:
-    """The columns along the horizon and the priors, for the error model; stray columns (of small ``weight``) count as noisy."""
+    """The columns ordered by azimuth, and the priors, as the error model takes them.
+
+    M-estimation by reweighting: the white variance of a column is divided by its ``weight`` (n,).
+    """
     order = problem.order
-    steep2 = np.minimum(here.slope**2, STEEPEST**2)
-    distance = here.error_distance_m[order]
+    slope2 = np.minimum(evaluation.slope**2, LARGEST_SLOPE**2)
+    distance = evaluation.error_distance_m[order]
     across = 0.5 * (distance + np.roll(distance, 1)) * problem.step_rad
-    misfit, rows = prior_misfits(problem, x, here, model.size_m)
+    residual, jacobian = prior_residuals(problem, x, evaluation, model.size_m)
     return Columns(
-        residual=here.residual[order],
-        jacobian=here.jacobian[order],
-        white=(problem.sigma_rad**2 * (1.0 + steep2) / np.maximum(weight, 1e-6))[order],
-        per_m=here.error_per_m[order],
+        residual=evaluation.residual[order],
+        jacobian=evaluation.jacobian[order],
+        white=(problem.sigma_rad**2 * (1.0 + slope2) / np.maximum(weight, 1e-6))[order],
+        per_m=evaluation.error_per_m[order],
         step_m=np.hypot(across, distance - np.roll(distance, 1)),
         cell_m=problem.terrain.cell_m,
-        prior=rows.T @ rows + 1e-12 * np.eye(problem.size),
-        pull=rows.T @ misfit,
+        prior_hessian=jacobian.T @ jacobian + 1e-12 * np.eye(problem.size),
+        prior_gradient=jacobian.T @ residual,
     )
 
 
-def visible_cost(
-    problem: Problem, x: Floats, here: Evaluation, model: ErrorModel, sigma: Floats, telling_cost: float
+def visible_nll(
+    problem: Problem,
+    x: Floats,
+    evaluation: Evaluation,
+    model: ErrorModel,
+    sigma: Floats,
+    informative_nll: float,
 ) -> float:
-    """What the columns cost that show terrain, even where it is left open which; ``telling_cost``: of those that tell it.
+    """Negative log-likelihood of all visible columns; ``informative_nll``: that of the informative ones.
 
-    Undecided columns do not move a fit. But were they free, the likeliest place would be the one that leaves most undecided.
+    Undetermined columns do not influence a fit. Without a term here, however, the objective would favour places with many
+    undetermined columns.
     """
-    visible = visible_columns(here, sigma)
-    if np.array_equal(telling_columns(here, sigma), visible):
-        return telling_cost
-    seen = replace(here, residual=visible_residual(here, sigma))
-    weight = weights(visible, seen.residual / sigma)
-    return whitened_cost(columns_along(problem, x, seen, model, weight), model)
+    visible = visible_columns(evaluation, sigma)
+    if np.array_equal(informative_columns(evaluation, sigma), visible):
+        return informative_nll
+    nearest = replace(evaluation, residual=visible_residual(evaluation, sigma))
+    weight = weights(visible, nearest.residual / sigma)
+    return whitened_nll(ordered_columns(problem, x, nearest, model, weight), model)
 
 
-def expected_scale(problem: Problem, x: Floats, here: Evaluation, model: ErrorModel) -> float:
-    """Half the logarithm of the determinant of the covariance that the residuals are expected to have.
+def normalisation_term(problem: Problem, x: Floats, evaluation: Evaluation, model: ErrorModel) -> float:
+    """Log-normalisation of the Gaussian: 0.5 ln det of the covariance of the residuals.
 
-    A place whose horizon is near explains almost anything; that it had to be expected to be so far off counts against it.
+    At a place with a near horizon large residuals are expected. This term is the price for the large variance.
     """
-    return log_scale(columns_along(problem, x, here, model, np.ones(len(here.residual))), model)
+    return half_log_determinant(
+        ordered_columns(problem, x, evaluation, model, np.ones(len(evaluation.residual))), model
+    )
 
 
-def prior_misfits(problem: Problem, x: Floats, here: Evaluation, s: float) -> tuple[Floats, Floats]:
-    """Normalised misfits of the priors (k,) and their derivatives (k, parameters)."""
+def prior_residuals(problem: Problem, x: Floats, evaluation: Evaluation, s: float) -> tuple[Floats, Floats]:
+    """Normalised deviations from the priors (k,) and their derivatives (k, parameters); ``s``: DEM error, metres."""
     known = np.isfinite(problem.prior_sigma_deg)
-    misfit = [x[known] / problem.prior_sigma_deg[known]]
-    rows = [np.diag(1.0 / problem.prior_sigma_deg)[known]]
+    residual = [x[known] / problem.prior_sigma_deg[known]]
+    jacobian = [np.diag(1.0 / problem.prior_sigma_deg)[known]]
     o = problem.observation
-    if np.isfinite(here.ground_m):
-        shared = 0.0 if problem.terrain.exact else GROUND_SHARE * s
-        sigma = np.hypot(shared, here.ground_sigma_m)
-        misfit.append(np.array([(x[ALTITUDE] - o.mast_height_m - here.ground_m) / sigma]))
-        row = np.zeros((1, problem.size))
-        row[0, ALTITUDE], row[0, EAST], row[0, NORTH] = 1.0, *(-here.ground_gradient)
-        rows.append(row / sigma)
+    if np.isfinite(evaluation.ground_m):
+        shared = 0.0 if problem.terrain.exact else GROUND_ERROR_FACTOR * s
+        sigma = np.hypot(shared, evaluation.ground_sigma_m)
+        residual.append(np.array([(x[ALTITUDE] - o.mast_height_m - evaluation.ground_m) / sigma]))
+        jacobian_row = np.zeros((1, problem.size))
+        jacobian_row[0, ALTITUDE], jacobian_row[0, EAST], jacobian_row[0, NORTH] = (
+            1.0,
+            *(-evaluation.ground_gradient),
+        )
+        jacobian.append(jacobian_row / sigma)
     if o.altitude_m is not None:
-        misfit.append(np.array([(x[ALTITUDE] - o.altitude_m) / o.altitude_sigma_m]))
-        row = np.zeros((1, problem.size))
-        row[0, ALTITUDE] = 1.0
-        rows.append(row / o.altitude_sigma_m)
-    return np.concatenate(misfit), np.vstack(rows)
+        residual.append(np.array([(x[ALTITUDE] - o.altitude_m) / o.altitude_sigma_m]))
+        jacobian_row = np.zeros((1, problem.size))
+        jacobian_row[0, ALTITUDE] = 1.0
+        jacobian.append(jacobian_row / o.altitude_sigma_m)
+    return np.concatenate(residual), np.vstack(jacobian)
 
 
-def prior_cost(problem: Problem, x: Floats, here: Evaluation, model: ErrorModel) -> float:
-    """Half the sum of the priors' squared misfits."""
-    misfit, _ = prior_misfits(problem, x, here, model.size_m)
-    return 0.5 * float((misfit**2).sum())
+def prior_nll(problem: Problem, x: Floats, evaluation: Evaluation, model: ErrorModel) -> float:
+    """Half the sum of the squared normalised deviations from the priors."""
+    residual, _ = prior_residuals(problem, x, evaluation, model.size_m)
+    return 0.5 * float((residual**2).sum())

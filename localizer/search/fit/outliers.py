@@ -1,131 +1,160 @@
-"""Which columns speak for or against a place, and how much: stray and hidden ones little, or not at all."""
+"""Outliers, occlusion and evidence: which columns count, with which weight, and how well they support a place.
+
+Columns are weighted by the Geman-McClure M-estimator: with u = (r / sigma)^2 and the scale c,
+
+    loss = 0.5 u / (1 + u / c^2),    weight = 1 / (1 + u / c^2)^2.
+
+The evidence of a place is the logarithm of the Bayes factor of this place against an unrelated one (``log_bayes_factor``), less
+the Occam factor of the angles that the sensors leave free (``occam_penalty``).
+"""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from localizer.search.fit.problem import BLOCK_RAD, TILT_BIAS, Problem
+from localizer.search.fit.problem import SECTOR_RAD, TILT_BIAS, Problem
 from localizer.search.fit.residuals import Evaluation
-from localizer.search.stage2 import SATURATION
+from localizer.search.stage2 import GEMAN_MCCLURE_SIGMAS
 
 Floats = NDArray[np.float64]
 
-CHANCE_RAD = np.radians(3.0)
-"""By how much skylines of unrelated places differ."""
-APART_SIGMAS = 3.0
-"""What is seen in a column tells two heights apart that differ by as many of its standard deviations."""
-STRAY_RAD = np.radians(15.0)
-"""How much of the horizon a cloud or a tree hides."""
-MEDIAN_VARIANCE = 0.5 * np.pi
-"""Of a median, in terms of the mean's, for Gaussian errors."""
-STRAY_SHARE = 0.1
-"""Stretches that show something else than the terrain's skyline, to be expected anywhere."""
+UNRELATED_SKYLINE_RAD = np.radians(3.0)
+"""Standard deviation of the residuals at an unrelated place: the null model of the Bayes factor. Tuned on the simulated cases
+of ``sim evaluate``. @S:fit.outliers.UNRELATED_SKYLINE_RAD@"""
+RESOLVED_SIGMAS = 3.0
+"""A column resolves two heights that differ by so many of its standard deviations. Tuned on the scenario ``dem_error``.
+@S:fit.outliers.RESOLVED_SIGMAS@"""
+OUTLIER_STRETCH_RAD = np.radians(15.0)
+"""Length of horizon that one cloud or tree occludes: outliers come in such stretches. Tuned on the simulated cases of
+``sim evaluate``. @S:fit.outliers.OUTLIER_STRETCH_RAD@"""
+MEDIAN_VARIANCE_RATIO = 0.5 * np.pi
+"""Variance of the median over that of the mean, for Gaussian errors."""
+OUTLIER_SHARE = 0.1
+"""Prior probability that a sector shows something else than terrain. Tuned on the simulated cases of ``sim evaluate``.
+@S:fit.outliers.OUTLIER_SHARE@"""
 
 
-def telling_columns(here: Evaluation, sigma: Floats) -> NDArray[np.bool_]:
-    """Columns (n,) that show what the DEM knows: neither hidden nor undecided."""
-    return np.asarray(visible_columns(here, sigma) & ~_undecided(here, sigma))
+def informative_columns(evaluation: Evaluation, sigma: Floats) -> NDArray[np.bool_]:
+    """Mask (n,) of the informative columns: not occluded, not at the DEM edge, not undetermined."""
+    return np.asarray(visible_columns(evaluation, sigma) & ~_undetermined(evaluation, sigma))
 
 
-def visible_columns(here: Evaluation, sigma: Floats) -> NDArray[np.bool_]:
-    """Columns (n,) that show terrain that the DEM has, even where it is left open which."""
-    return np.asarray(~_hidden(here, sigma) & ~here.rim)
+def visible_columns(evaluation: Evaluation, sigma: Floats) -> NDArray[np.bool_]:
+    """Mask (n,) of the columns that show terrain of the DEM, undetermined ones included."""
+    return np.asarray(~_occluded(evaluation, sigma) & ~evaluation.dem_edge)
 
 
-def visible_residual(here: Evaluation, sigma: Floats) -> Floats:
-    """Residuals (n,) in radians of what is seen; of undecided columns from the horizon or what stands near, as fits better."""
-    by_near = here.residual - here.above
-    nearer = _undecided(here, sigma) & (np.abs(by_near) < np.abs(here.residual))
-    return np.where(nearer, by_near, here.residual)
+def visible_residual(evaluation: Evaluation, sigma: Floats) -> Floats:
+    """Residuals (n,) in radians.
 
-
-def surprise(here: Evaluation, sigma: Floats) -> Floats:
-    """What columns (n,) cost (in logarithms) beyond one that fits exactly: by their residuals, or for being hidden.
-
-    Where the DEM ends, what is seen may be its last terrain or something behind it, whichever costs less: no place pays for
-    lying near the end of the DEM.
+    Those of undetermined columns refer to the horizon or to near terrain, whichever fits better.
     """
-    by_residual = geman_mcclure(visible_residual(here, sigma) / sigma)
-    hidden = np.log(CHANCE_RAD / sigma)
-    at_rim = np.where(_hidden(here, sigma), hidden, np.minimum(by_residual, hidden))
-    return np.asarray(np.where(visible_columns(here, sigma), by_residual, np.where(here.rim, at_rim, hidden)))
+    by_near = evaluation.residual - evaluation.near_excess
+    nearer = _undetermined(evaluation, sigma) & (np.abs(by_near) < np.abs(evaluation.residual))
+    return np.where(nearer, by_near, evaluation.residual)
 
 
-def _hidden(here: Evaluation, sigma: Floats) -> NDArray[np.bool_]:
-    """Where what stands near probably hides the horizon: what is seen is higher, by more than chance."""
-    hides = here.near & (here.residual > 0.0)
-    return np.asarray(hides & (geman_mcclure(here.residual / sigma) >= np.log(CHANCE_RAD / sigma)))
+def column_nll(evaluation: Evaluation, sigma: Floats) -> Floats:
+    """Negative log-likelihood of each column (n,), relative to an exact fit.
 
-
-def _undecided(here: Evaluation, sigma: Floats) -> NDArray[np.bool_]:
-    """Where what stands near rises so little above the horizon that the noise leaves open which of them is seen.
-
-    To take whatever is not much too high for the horizon would be to take the low half of the noise, and shift the place.
+    A visible column has its Geman-McClure loss, an occluded one a constant, ln(UNRELATED_SKYLINE_RAD / sigma). A column at the
+    DEM edge has the smaller of both, so that a place near the edge has no disadvantage.
     """
+    residual_nll = geman_mcclure(visible_residual(evaluation, sigma) / sigma)
+    occluded_nll = np.log(UNRELATED_SKYLINE_RAD / sigma)
+    at_dem_edge = np.where(_occluded(evaluation, sigma), occluded_nll, np.minimum(residual_nll, occluded_nll))
     return np.asarray(
-        here.near & (here.above < APART_SIGMAS * sigma) & (here.residual > -APART_SIGMAS * sigma)
+        np.where(
+            visible_columns(evaluation, sigma),
+            residual_nll,
+            np.where(evaluation.dem_edge, at_dem_edge, occluded_nll),
+        )
     )
 
 
-def weights(telling: NDArray[np.bool_], normalised: Floats) -> Floats:
-    """Between 1 for a column that fits and nothing for a stray one (Geman-McClure)."""
-    return np.asarray(telling / (1.0 + (normalised / SATURATION) ** 2) ** 2)
+def _occluded(evaluation: Evaluation, sigma: Floats) -> NDArray[np.bool_]:
+    """Mask (n,): near terrain probably occludes the horizon, since something significantly higher than the horizon is seen."""
+    higher_seen = evaluation.near & (evaluation.residual > 0.0)
+    return np.asarray(
+        higher_seen & (geman_mcclure(evaluation.residual / sigma) >= np.log(UNRELATED_SKYLINE_RAD / sigma))
+    )
+
+
+def _undetermined(evaluation: Evaluation, sigma: Floats) -> NDArray[np.bool_]:
+    """Mask (n,): near terrain exceeds the horizon by less than a column resolves, so that either may be seen.
+
+    Using only the columns that are not too high would select the lower half of the noise and bias the place.
+    """
+    return np.asarray(
+        evaluation.near
+        & (evaluation.near_excess < RESOLVED_SIGMAS * sigma)
+        & (evaluation.residual > -RESOLVED_SIGMAS * sigma)
+    )
+
+
+def weights(informative: NDArray[np.bool_], normalised: Floats) -> Floats:
+    """Geman-McClure weights (n,): 1 for a column that fits, near 0 for an outlier, 0 for one that is not informative."""
+    return np.asarray(informative / (1.0 + (normalised / GEMAN_MCCLURE_SIGMAS) ** 2) ** 2)
 
 
 def geman_mcclure(normalised: Floats) -> Floats:
-    """What columns (n,) cost by their residuals in sigmas: half the square of a small one, of any never more than a limit."""
+    """Geman-McClure loss (n,) of normalised residuals."""
     squared = normalised**2
-    return np.asarray(0.5 * squared / (1.0 + squared / SATURATION**2))
+    return np.asarray(0.5 * squared / (1.0 + squared / GEMAN_MCCLURE_SIGMAS**2))
 
 
-def stray_loss(problem: Problem, here: Evaluation, sigma: Floats) -> float:
-    """What stray and hidden columns cost beyond what their weights leave of them in the sum of squares.
+def outlier_penalty(problem: Problem, evaluation: Evaluation, sigma: Floats) -> float:
+    """Negative log-likelihood of outliers and occluded columns that the weighted sum of squares lacks.
 
-    They come in stretches of about STRAY_RAD, each of which is one accident.
+    They come in stretches of about OUTLIER_STRETCH_RAD, each of which counts as one event.
     """
-    normalised = visible_residual(here, sigma) / sigma
-    weighted = 0.5 * normalised**2 * weights(visible_columns(here, sigma), normalised)
-    lost = surprise(here, sigma) - weighted
-    return float(lost.sum() / (problem.block_columns * STRAY_RAD / BLOCK_RAD))
+    normalised = visible_residual(evaluation, sigma) / sigma
+    weighted = 0.5 * normalised**2 * weights(visible_columns(evaluation, sigma), normalised)
+    excess = column_nll(evaluation, sigma) - weighted
+    return float(excess.sum() / (problem.sector_columns * OUTLIER_STRETCH_RAD / SECTOR_RAD))
 
 
-def evidence_used_up(problem: Problem, covariance: Floats) -> float:
-    """How much of the evidence went into angles that the sensors leave open, given the unknowns' ``covariance``.
+def occam_penalty(problem: Problem, covariance: Floats) -> float:
+    """Occam factor of a Bayesian model comparison, for angles that the sensors leave free: sum of ln(prior sigma / posterior
+    sigma).
 
-    A frame that may be turned as one likes fits many a skyline. What a place explains then, it has to explain beyond that (the
-    Occam factor of a Bayesian comparison). The heading that all frames share is left out: without a compass it is as open
-    everywhere.
+    A frame with a free attitude fits many skylines; its evidence is reduced accordingly. The heading bias that all frames
+    share is left out: without a compass it is equally free at every place. ``covariance``: of the unknowns.
     """
     prior_deg = problem.prior_sigma_deg[TILT_BIAS:]
-    fitted_deg = np.sqrt(np.diag(covariance)[TILT_BIAS:])
-    open_ = np.isfinite(prior_deg) & (prior_deg > np.degrees(CHANCE_RAD))
-    return float(np.log(np.maximum(prior_deg[open_] / fitted_deg[open_], 1.0)).sum())
+    posterior_deg = np.sqrt(np.diag(covariance)[TILT_BIAS:])
+    free = np.isfinite(prior_deg) & (prior_deg > np.degrees(UNRELATED_SKYLINE_RAD))
+    return float(np.log(np.maximum(prior_deg[free] / posterior_deg[free], 1.0)).sum())
 
 
-def evidence_over_chance(
-    problem: Problem, here: Evaluation, sigma: Floats, white: Floats, correlation_columns: float
+def log_bayes_factor(
+    problem: Problem, evaluation: Evaluation, sigma: Floats, white: Floats, correlation_columns: float
 ) -> float:
-    """Logarithm of how much likelier the contours are from this place than from an unrelated one.
+    """Logarithm of the Bayes factor of the contours at this place against an unrelated one.
 
-    From an unrelated place a skyline is off by CHANCE_RAD, and by about the same over a BLOCK_RAD of the horizon: each block is
-    one witness, which has to agree with its middle and column by column. Of the columns' ``sigma`` (n,) what is ``white`` (n,)
-    averages out in the middle as far as neighbouring columns are not correlated, the DEM's error does not. A block may be a
-    stray one, no matter where the camera stands; then it speaks neither for the place nor against it.
+    At an unrelated place the residuals are about UNRELATED_SKYLINE_RAD, and nearly constant over a sector. Each sector
+    therefore is one sample of n_eff independent columns, whose median m and scale (both normalised) must fit:
+
+        ln B = sum over sectors of  w ln( (1 - p) (UNRELATED_SKYLINE_RAD / s) exp(-0.5 max(|m|, scale)^2) + p ),
+
+    with p = OUTLIER_SHARE, w the share of the sector that is informative, and s the standard deviation of its median. Of the
+    columns' ``sigma`` (n,) the part ``white`` (n,) averages out over n_eff, the DEM error does not. n_eff is the number of
+    columns divided by ``correlation_columns``. An outlier sector contributes ln p at least.
     """
-    normalised, telling = here.residual / sigma, telling_columns(here, sigma)
+    normalised, informative = evaluation.residual / sigma, informative_columns(evaluation, sigma)
     total = 0.0
-    for block in problem.blocks:
-        known = block[telling[block]]
-        if len(known) == 0:
+    for block in problem.sectors:
+        used = block[informative[block]]
+        if len(used) == 0:
             continue
-        witnesses = max(1.0, len(known) / max(1.0, correlation_columns))
+        effective_size = max(1.0, len(used) / max(1.0, correlation_columns))
         shared = np.sqrt(
-            1.0 - (white[known] / sigma[known]) ** 2 * (1.0 - min(1.0, MEDIAN_VARIANCE / witnesses))
+            1.0 - (white[used] / sigma[used]) ** 2 * (1.0 - min(1.0, MEDIAN_VARIANCE_RATIO / effective_size))
         )
-        middle = float(np.median(normalised[known] / shared))
-        size = float(np.median(np.abs(normalised[known]))) / 0.6745
-        off = max(abs(middle), size)
-        likelier = CHANCE_RAD / np.exp(np.log(sigma[known] * shared).mean()) * np.exp(-0.5 * off**2)
+        median = float(np.median(normalised[used] / shared))
+        size = float(np.median(np.abs(normalised[used]))) / 0.6745
+        off = max(abs(median), size)
+        ratio = UNRELATED_SKYLINE_RAD / np.exp(np.log(sigma[used] * shared).mean()) * np.exp(-0.5 * off**2)
         total += (
-            len(known) / problem.block_columns * float(np.log((1.0 - STRAY_SHARE) * likelier + STRAY_SHARE))
+            len(used) / problem.sector_columns * float(np.log((1.0 - OUTLIER_SHARE) * ratio + OUTLIER_SHARE))
         )
     return total

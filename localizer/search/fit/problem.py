@@ -1,7 +1,8 @@
-"""What is known of one standpoint: the observations along its horizon, and what the sensors say of each unknown.
+"""The estimation problem of one standpoint: observations, unknowns, and their priors (errata, gap 8).
 
-Unknown are the place (east, north), the altitude of the eye, the biases of azimuth and tilt that all frames share, and each
-frame's own errors of azimuth, tilt and roll. The sensors give each of them but the place a prior.
+The unknowns x are east and north (metres from a starting place), the altitude of the camera, the biases of azimuth and tilt
+that all frames share, and azimuth, tilt and roll errors of each frame. The sensors give each of them but east and north
+a Gaussian prior.
 """
 
 import numpy as np
@@ -16,19 +17,25 @@ Floats = NDArray[np.float64]
 EAST, NORTH, ALTITUDE, AZIMUTH_BIAS, TILT_BIAS, FIRST_FRAME = range(6)
 PER_FRAME = 3  # azimuth, tilt, roll
 CONTOUR_DISTANCE_CELLS = 330.0
-"""What neighbouring columns share where the DEM is the terrain itself is the contour's own error, whatever the distance: as if
-all of the horizon were as far away as this. A cell is then about a pixel."""
-USUAL_CONTOUR_SHARE, LARGEST_CONTOUR_SHARE = 0.05, 0.5
-"""Of the contour's sigma, what neighbouring columns share of it then; more, and the DEM is not the terrain."""
-BLOCK_RAD = np.radians(6.0)
-"""Over which stretch of the horizon skylines of unrelated places differ by the same."""
+"""In an exact DEM the correlated error of neighbouring columns is that of the contour, whatever the distance. It is modelled
+as a DEM error seen at this distance, where a cell subtends about a pixel. Tuned on ``sim evaluate --estimator-only``.
+@S:fit.problem.CONTOUR_DISTANCE_CELLS@"""
+USUAL_CONTOUR_SHARE = 0.05
+"""In an exact DEM, the initial correlated error as a share of the contour's sigma. Tuned on ``sim evaluate --estimator-only``.
+@S:fit.problem.USUAL_CONTOUR_SHARE@"""
+LARGEST_CONTOUR_SHARE = 0.5
+"""A larger correlated error means that the DEM is not exact. Tuned on ``sim evaluate --estimator-only``.
+@S:fit.problem.LARGEST_CONTOUR_SHARE@"""
+SECTOR_RAD = np.radians(6.0)
+"""Sector of the horizon over which the skyline of an unrelated place has about the same residual. Tuned on the scenario
+``dem_error``. @S:fit.problem.SECTOR_RAD@"""
 
 
 class Problem:
     """The observations and priors of one standpoint, thinned to every ``stride``-th column.
 
-    ``believes_rim``: a horizon that lies where the DEM ends is taken for the true one. ``block_columns``: how many columns a
-    whole stretch of BLOCK_RAD has before any are left out; by the fullest one where it is not said.
+    ``uses_edge_columns``: columns whose predicted horizon lies at the DEM edge count like all others. ``sector_columns``: the
+    number of columns in a full sector of SECTOR_RAD; that of the fullest sector if not given.
     """
 
     def __init__(
@@ -38,11 +45,11 @@ class Problem:
         contours: tuple[FrameContour, ...],
         stride: int = 1,
         *,
-        believes_rim: bool = False,
-        block_columns: int | None = None,
+        uses_edge_columns: bool = False,
+        sector_columns: int | None = None,
     ) -> None:
         self.terrain = terrain
-        self.believes_rim = believes_rim or terrain.exact
+        self.uses_edge_columns = uses_edge_columns or terrain.exact
         self.stride = stride
         self.observation = observation
         self.contours = [
@@ -52,9 +59,9 @@ class Problem:
         self.frame_of = np.repeat(np.arange(len(contours)), [len(c.rays) for c in self.contours])
         self.sigma_rad = np.concatenate([c.sigma_rad for c in self.contours])
         self.order, self.step_rad = self._along_the_horizon()
-        self.blocks = self._blocks()
-        fullest = max(len(block) for block in self.blocks)
-        self.block_columns = -(-block_columns // stride) if block_columns else fullest
+        self.sectors = self._sectors()
+        fullest = max(len(block) for block in self.sectors)
+        self.sector_columns = -(-sector_columns // stride) if sector_columns else fullest
         self.size = FIRST_FRAME + PER_FRAME * len(contours)
         prior = np.full(self.size, np.inf)
         prior[AZIMUTH_BIAS] = observation.azimuth_bias_sigma_deg
@@ -66,24 +73,24 @@ class Problem:
                 f.tilt_sigma_deg,
                 f.roll_sigma_deg,
             )
-        # A sigma of zero is a promise nobody keeps; a millidegree keeps the equations solvable.
+        # A sigma of zero would make the normal equations singular.
         self.prior_sigma_deg = np.maximum(prior, 1e-3)
 
     @property
     def contour_distance_m(self) -> float:
-        """From where the error is seen that neighbouring columns share in a DEM that is the terrain itself."""
+        """Distance at which the correlated error of an exact DEM is modelled, metres."""
         return CONTOUR_DISTANCE_CELLS * self.terrain.cell_m
 
     @property
-    def usual_error_m(self) -> float:
-        """What neighbouring columns are taken to share, until the residuals tell: the DEM's error, else the contour's own."""
+    def nominal_error_m(self) -> float:
+        """Initial standard deviation of the correlated error, metres: of the DEM, or of the contour in an exact DEM."""
         if self.terrain.exact:
             return USUAL_CONTOUR_SHARE * self._contour_sigma_m
-        return self.terrain.usual_error_m
+        return self.terrain.nominal_error_m
 
     @property
     def largest_error_m(self) -> float:
-        """More of it is not believed of any place."""
+        """Largest plausible standard deviation of the correlated error, metres."""
         return (
             LARGEST_CONTOUR_SHARE * self._contour_sigma_m
             if self.terrain.exact
@@ -95,7 +102,8 @@ class Problem:
         return float(np.median(self.sigma_rad)) * self.contour_distance_m
 
     def _along_the_horizon(self) -> tuple[NDArray[np.int64], Floats]:
-        """All columns in the order of their azimuths, whichever frame they are in, and the steps between them (infinite first).
+        """Indices of all columns by azimuth, regardless of their frame, and the azimuth steps between them (the first
+        infinite).
 
         Frames that overlap see the same ridge, so that their columns are neighbours.
         """
@@ -112,9 +120,9 @@ class Problem:
         step[0] = np.inf
         return order, step
 
-    def _blocks(self) -> list[NDArray[np.int64]]:
-        """The columns (indices) in each stretch of BLOCK_RAD that any frame sees."""
-        place = np.cumsum(np.where(np.isfinite(self.step_rad), self.step_rad, 0.0)) // BLOCK_RAD
+    def _sectors(self) -> list[NDArray[np.int64]]:
+        """Indices of the columns in each sector of SECTOR_RAD that has any."""
+        place = np.cumsum(np.where(np.isfinite(self.step_rad), self.step_rad, 0.0)) // SECTOR_RAD
         return np.split(self.order, np.flatnonzero(np.diff(place)) + 1)
 
     def directions(self, x: Floats) -> tuple[Floats, Floats, Floats]:

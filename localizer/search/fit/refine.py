@@ -1,8 +1,9 @@
-"""Sub-cell refinement: position together with everything that all columns share (errata, gap 8).
+"""Sub-cell refinement: Gauss-Newton with Levenberg-Marquardt damping, Geman-McClure weights, estimated noise (errata, gap 8).
 
-The observations are the contour's elevations; a robust least-squares fit (Gauss-Newton, damped, Geman-McClure weights) finds
-the most probable values of what is unknown (`problem`) and their covariance. What the residuals are taken for (`noise`) is
-estimated as it proceeds.
+Each iteration solves (H + lambda diag H) dx = -g for the unknowns of ``problem``, with H and g of the whitened, reweighted
+residuals, and accepts the step if the negative log-likelihood falls. The noise is re-estimated at certain iterations. The
+covariance is that of the Laplace approximation, averaged over the error models that remain plausible (Bayesian model
+averaging).
 """
 
 from dataclasses import dataclass
@@ -12,25 +13,25 @@ from numpy.typing import NDArray
 
 from localizer.search.fit.correlated_errors import (
     ErrorModel,
-    Normal,
-    likely_models,
+    NormalEquations,
+    likely_error_models,
     normal_equations,
-    whitened_cost,
+    whitened_nll,
 )
 from localizer.search.fit.noise import Noise, estimated_noise, possible_models
 from localizer.search.fit.objective import (
-    columns_along,
-    expected_scale,
-    prior_cost,
-    prior_misfits,
-    visible_cost,
+    normalisation_term,
+    ordered_columns,
+    prior_nll,
+    prior_residuals,
+    visible_nll,
 )
 from localizer.search.fit.outliers import (
-    evidence_over_chance,
-    evidence_used_up,
-    stray_loss,
-    surprise,
-    telling_columns,
+    column_nll,
+    informative_columns,
+    log_bayes_factor,
+    occam_penalty,
+    outlier_penalty,
     weights,
 )
 from localizer.search.fit.problem import (
@@ -43,34 +44,39 @@ from localizer.search.fit.problem import (
     TILT_BIAS,
     Problem,
 )
-from localizer.search.fit.residuals import Evaluation, evaluate, place_of, residual_sigma, secants
+from localizer.search.fit.residuals import Evaluation, central_differences, evaluate, place_of, residual_sigma
 
 Floats = NDArray[np.float64]
 
-SETTLE_AT = (2, 4, 6, 8, 10)
-"""Iterations at which the noise is estimated anew."""
-SETTLE_AGAIN_AT = (2, 4)
-"""The same for a fit that starts from another one's noise."""
-LIKELY_FROM = 8
-"""From this iteration on by its likelihood. Before, an error that reaches far would explain a place that is some way off."""
-LEAST_DAMPING, MOST_DAMPING = 1e-6, 50.0
-ENOUGH_GAIN = 2e-2
-"""A step that lowers the cost by less ends the fit."""
-SHIFT_PER_M = 1.0
-"""How far the place moves per metre of a DEM's smooth error, beyond what the fit tells."""
-LATTICE_SHARE = 0.015
-"""By so much of a cell the best place moves when the same cells are made into another surface."""
+NOISE_UPDATES_AT = (2, 4, 6, 8, 10)
+"""Iterations at which the noise is estimated."""
+NOISE_UPDATES_WARM_AT = (2, 4)
+"""The same for a fit that starts with the noise of another one (warm start)."""
+LIKELIHOOD_FROM = 8
+"""From this iteration on the noise is estimated by marginal likelihood. Earlier, a smooth DEM error could explain the
+residuals of a place far from the optimum. Tuned on the scenario ``dem_error``. @S:fit.refine.LIKELIHOOD_FROM@"""
+LEAST_DAMPING = 1e-6
+MOST_DAMPING = 50.0
+"""Range of the damping lambda."""
+LEAST_GAIN_NATS = 2e-2
+"""A step that lowers the negative log-posterior by less ends the fit. Tuned on time and on the scenario ``dem_error``.
+@S:fit.refine.LEAST_GAIN_NATS@"""
+PLACE_SHIFT_PER_M = 1.0
+"""Standard deviation of the place per metre of smooth DEM error, beyond the linearised covariance. Tuned on the scenario
+``dem_error``. @S:fit.refine.PLACE_SHIFT_PER_M@"""
+RESAMPLING_SHIFT_CELLS = 0.015
+"""Standard deviation of the place, in cells, when the same cells are interpolated by another surface. Tuned on the simulated
+cases of ``sim evaluate``, whose terrain is triangulated. @S:fit.refine.RESAMPLING_SHIFT_CELLS@"""
 
 
 @dataclass(frozen=True)
 class Refined:
-    """A refined candidate.
+    """A refined place.
 
-    ``row``, ``col`` in lattice coordinates; ``covariance_enu_m2`` (2, 2) of true east and north; ``fit_cost`` the negative
-    logarithm of the posterior but for a constant, under the error model that weighs the columns;
-    ``evidence`` by how much (in logarithms) the terrain explains the contours better than chance does;
-    ``misfit_per_column`` the mean of the columns' negative log-likelihood, which compares fits with different DEM errors;
-    ``residual_px`` per label of a frame with columns that count, over those that fit.
+    ``row``, ``col`` in lattice coordinates; ``covariance_enu_m2`` (2, 2) of true east and north. ``neg_log_posterior``: up to a
+    constant, under the fit's own error model. ``evidence``: log Bayes factor against an unrelated place.
+    ``mean_column_nll``: mean negative log-likelihood of a column, comparable between fits with different DEM errors.
+    ``residual_px``: RMS residual of the inliers, by the label of each frame that has columns.
     """
 
     row: float
@@ -81,23 +87,23 @@ class Refined:
     tilt_bias_deg: float
     frame_errors_deg: Floats
     covariance_enu_m2: Floats
-    fit_cost: float
+    neg_log_posterior: float
     dem_error_m: float
     correlation_columns: float
     inlier_share: float
     prior_chi2: float
     residual_px: dict[str, float]
-    misfit_per_column: float
+    mean_column_nll: float
     evidence: float
     error_model: ErrorModel
 
     @property
     def log_odds(self) -> float:
-        """By how much (in logarithms) contours and readings together are likelier from here than from an unrelated place."""
+        """Evidence together with the readings: log Bayes factor of contours and sensors against an unrelated place."""
         return self.evidence - 0.5 * self.prior_chi2
 
     def parameters(self) -> Floats:
-        """The unknowns as ``Problem`` orders them, metres counted from the place itself."""
+        """The unknowns in the order of ``Problem``, with the place itself as origin."""
         return np.concatenate(
             [
                 [0.0, 0.0, self.altitude_m, self.azimuth_bias_deg, self.tilt_bias_deg],
@@ -116,106 +122,116 @@ def refine(
     iterations: int,
     noise: Noise,
     largest_dem_error_m: float,
-    settle: bool,
-    likely_from: int = LIKELY_FROM,
-    strict: float = 1.0,
+    estimate_noise: bool,
+    likelihood_from: int = LIKELIHOOD_FROM,
+    sigma_factor: float = 1.0,
 ) -> Refined:
-    """Fit from a cell to the sub-cell optimum near it.
+    """Fit from a starting place to the local optimum near it.
 
-    ``noise`` is what the residuals are taken for to begin with. With ``settle`` it is estimated from them as the fit proceeds,
-    the DEM's error up to ``largest_dem_error_m``, from iteration ``likely_from`` on by its likelihood; else it is held.
-    ``strict``: factor on the DEM's error that tells stray columns.
+    ``noise``: the initial noise. With ``estimate_noise`` it is re-estimated during the fit, with a DEM error of at most
+    ``largest_dem_error_m``, from iteration ``likelihood_from`` on by marginal likelihood; otherwise it is fixed.
+    ``sigma_factor``: factor on the DEM error where outliers are identified; below 1 more columns are outliers.
     """
     x = np.zeros(problem.size)
     x[ALTITUDE], x[AZIMUTH_BIAS] = altitude_m, azimuth_bias_deg
     origin = (row, col)
-    frame = problem.terrain.frames.at(np.array([row]), np.array([col]))[0]
+    coefficients = problem.terrain.geodesics.at(np.array([row]), np.array([col]))[0]
     damping = LEAST_DAMPING
-    settle_at = SETTLE_AT if likely_from else SETTLE_AGAIN_AT
-    thorough = iterations > LIKELY_FROM
-    here = evaluate(problem, x, origin, frame)
+    update_at = NOISE_UPDATES_AT if likelihood_from else NOISE_UPDATES_WARM_AT
+    to_convergence = iterations > LIKELIHOOD_FROM
+    evaluation = evaluate(problem, x, origin, coefficients)
     for iteration in range(iterations):
-        if settle and iteration in settle_at:
-            noise = estimated_noise(problem, x, here, noise, largest_dem_error_m, iteration >= likely_from)
-        sigma = residual_sigma(problem, here, strict * noise.spread_m)
-        weight = weights(telling_columns(here, sigma), here.residual / sigma)
-        forgiving = iteration >= likely_from or not settle
+        if estimate_noise and iteration in update_at:
+            noise = estimated_noise(
+                problem, x, evaluation, noise, largest_dem_error_m, iteration >= likelihood_from
+            )
+        sigma = residual_sigma(problem, evaluation, sigma_factor * noise.robust_sigma_m)
+        weight = weights(informative_columns(evaluation, sigma), evaluation.residual / sigma)
+        robust = iteration >= likelihood_from or not estimate_noise
         gain = 0.0
-        for by_secants in (False, True):
-            if by_secants:
-                # Where the horizon leaps from ridge to ridge the tangent misleads.
-                here.jacobian[:, :AZIMUTH_BIAS] = secants(problem, x, origin, frame, here.guess_m)
+        for by_differences in (False, True):
+            if by_differences:
+                # The horizon may jump from one ridge to another, where the analytic derivative is not representative.
+                evaluation.jacobian[:, :AZIMUTH_BIAS] = central_differences(
+                    problem, x, origin, coefficients, evaluation.guess_m
+                )
                 damping = LEAST_DAMPING
-            columns = columns_along(problem, x, here, noise.model, weight)
-            normal = normal_equations(columns, noise.model, forgiving=forgiving)
-            cost = normal.cost + prior_cost(problem, x, here, noise.model)
+            columns = ordered_columns(problem, x, evaluation, noise.model, weight)
+            normal = normal_equations(columns, noise.model, robust=robust)
+            nll = normal.nll + prior_nll(problem, x, evaluation, noise.model)
             while damping < MOST_DAMPING:
-                damped = normal.curvature + damping * np.diag(np.diag(normal.curvature))
-                step = -np.linalg.solve(damped, normal.slope)
+                damped = normal.hessian + damping * np.diag(np.diag(normal.hessian))
+                step = -np.linalg.solve(damped, normal.gradient)
                 far = float(np.hypot(step[EAST], step[NORTH])) / (1.5 * problem.terrain.cell_m)
-                trial = x + step / max(1.0, far)
-                there = evaluate(problem, trial, origin, frame, here.guess_m)
-                columns = columns_along(problem, trial, there, noise.model, weight)
+                trial_x = x + step / max(1.0, far)
+                trial_evaluation = evaluate(problem, trial_x, origin, coefficients, evaluation.guess_m)
+                columns = ordered_columns(problem, trial_x, trial_evaluation, noise.model, weight)
                 gain = (
-                    cost
-                    - whitened_cost(columns, noise.model, forgiving=forgiving)
-                    - prior_cost(problem, trial, there, noise.model)
+                    nll
+                    - whitened_nll(columns, noise.model, robust=robust)
+                    - prior_nll(problem, trial_x, trial_evaluation, noise.model)
                 )
                 if gain > 0.0:
                     break
                 damping *= 8.0
-            if gain > ENOUGH_GAIN or not thorough or (settle and iteration < settle_at[-1]):
+            if gain > LEAST_GAIN_NATS or not to_convergence or (estimate_noise and iteration < update_at[-1]):
                 break
         if gain > 0.0:
-            x, here = trial, there
+            x, evaluation = trial_x, trial_evaluation
         damping = max(damping * 0.1, LEAST_DAMPING) if damping < MOST_DAMPING else LEAST_DAMPING
-        if gain < ENOUGH_GAIN and not (settle and thorough and iteration < settle_at[-1]):
+        if gain < LEAST_GAIN_NATS and not (estimate_noise and to_convergence and iteration < update_at[-1]):
             break
-    if settle:
-        noise = estimated_noise(problem, x, here, noise, largest_dem_error_m, thorough)
+    if estimate_noise:
+        noise = estimated_noise(problem, x, evaluation, noise, largest_dem_error_m, to_convergence)
     return _result(
-        problem, x, here, noise, origin, frame, largest_dem_error_m if settle and thorough else None
+        problem,
+        x,
+        evaluation,
+        noise,
+        origin,
+        coefficients,
+        largest_dem_error_m if estimate_noise and to_convergence else None,
     )
 
 
 def _result(
     problem: Problem,
     x: Floats,
-    here: Evaluation,
+    evaluation: Evaluation,
     noise: Noise,
     origin: tuple[float, float],
-    frame: Floats,
+    coefficients: Floats,
     largest_dem_error_m: float | None,
 ) -> Refined:
-    sigma = residual_sigma(problem, here, noise.spread_m)
-    normalised, telling = here.residual / sigma, telling_columns(here, sigma)
-    columns = columns_along(problem, x, here, noise.model, weights(telling, normalised))
+    sigma = residual_sigma(problem, evaluation, noise.robust_sigma_m)
+    normalised, informative = evaluation.residual / sigma, informative_columns(evaluation, sigma)
+    columns = ordered_columns(problem, x, evaluation, noise.model, weights(informative, normalised))
     if largest_dem_error_m is None:
         normal = normal_equations(columns, noise.model)
-        covariance = np.asarray(np.linalg.inv(normal.curvature), np.float64)
+        covariance = np.asarray(np.linalg.inv(normal.hessian), np.float64)
     else:
         covariance = _averaged_covariance(
-            likely_models(columns, noise.model, possible_models(problem, largest_dem_error_m))
+            likely_error_models(columns, noise.model, possible_models(problem, largest_dem_error_m))
         )
-    misfit, _ = prior_misfits(problem, x, here, noise.model.size_m)
-    fit_cost = (
-        visible_cost(problem, x, here, noise.model, sigma, whitened_cost(columns, noise.model))
-        + prior_cost(problem, x, here, noise.model)
-        + stray_loss(problem, here, sigma)
-        + expected_scale(problem, x, here, noise.model)
+    prior_residual, _ = prior_residuals(problem, x, evaluation, noise.model.size_m)
+    neg_log_posterior = (
+        visible_nll(problem, x, evaluation, noise.model, sigma, whitened_nll(columns, noise.model))
+        + prior_nll(problem, x, evaluation, noise.model)
+        + outlier_penalty(problem, evaluation, sigma)
+        + normalisation_term(problem, x, evaluation, noise.model)
     )
-    surprises = surprise(here, sigma) + np.log(sigma)
-    row, col = place_of(x, origin, frame)
-    inside = telling & (np.abs(normalised) < 3.0)
+    per_column_nll = column_nll(evaluation, sigma) + np.log(sigma)
+    row, col = place_of(x, origin, coefficients)
+    inliers = informative & (np.abs(normalised) < 3.0)
     residual_px = {}
     for i, contour in enumerate(problem.contours):
         mine = problem.frame_of == i
         if not mine.any():
             continue
         fy = contour.frame.camera.fy_px
-        kept = mine & inside
+        kept = mine & inliers
         chosen = kept if kept.any() else mine
-        residual_px[contour.frame.label] = float(np.sqrt(np.mean((here.residual[chosen] * fy) ** 2)))
+        residual_px[contour.frame.label] = float(np.sqrt(np.mean((evaluation.residual[chosen] * fy) ** 2)))
     return Refined(
         row=row,
         col=col,
@@ -225,37 +241,41 @@ def _result(
         tilt_bias_deg=float(x[TILT_BIAS]),
         frame_errors_deg=x[FIRST_FRAME:].reshape(-1, PER_FRAME),
         covariance_enu_m2=covariance[:2, :2] + np.eye(2) * _shift_sigma_m(problem, noise.model) ** 2,
-        fit_cost=fit_cost,
-        dem_error_m=noise.spread_m,
+        neg_log_posterior=neg_log_posterior,
+        dem_error_m=noise.robust_sigma_m,
         correlation_columns=noise.correlation_columns,
-        inlier_share=float(inside.sum() / max(telling.sum(), 1)),
-        prior_chi2=float((misfit**2).sum()),
+        inlier_share=float(inliers.sum() / max(informative.sum(), 1)),
+        prior_chi2=float((prior_residual**2).sum()),
         residual_px=residual_px,
-        misfit_per_column=float(surprises.mean()),
-        evidence=evidence_over_chance(
-            problem, here, sigma, residual_sigma(problem, here, 0.0), noise.correlation_columns
+        mean_column_nll=float(per_column_nll.mean()),
+        evidence=log_bayes_factor(
+            problem, evaluation, sigma, residual_sigma(problem, evaluation, 0.0), noise.correlation_columns
         )
-        - evidence_used_up(problem, covariance),
+        - occam_penalty(problem, covariance),
         error_model=noise.model,
     )
 
 
 def _shift_sigma_m(problem: Problem, model: ErrorModel) -> float:
-    """By how much a DEM's errors shift the best place beyond what the linearised fit says: one sigma in each direction.
+    """Standard deviation of the place by DEM errors, per direction, beyond the linearised covariance.
 
-    A smooth error tilts all that is near, the ground under the camera too.
+    A smooth error tilts the near terrain and the ground under the camera together.
     """
     if problem.terrain.exact:
         return 0.0
-    return float(np.hypot(LATTICE_SHARE * problem.terrain.cell_m, SHIFT_PER_M * model.smooth_m))
+    return float(
+        np.hypot(RESAMPLING_SHIFT_CELLS * problem.terrain.cell_m, PLACE_SHIFT_PER_M * model.smooth_m)
+    )
 
 
-def _averaged_covariance(models: list[tuple[ErrorModel, Normal]]) -> Floats:
-    """Of the parameters, over the models that the residuals leave possible: the fit moves with the model, too."""
+def _averaged_covariance(models: list[tuple[ErrorModel, NormalEquations]]) -> Floats:
+    """Covariance of the parameters averaged over error models by their evidence, with the spread of their optima (law of total
+    variance).
+    """
     evidence = np.array([normal.log_evidence for _, normal in models])
     share = np.exp(evidence - evidence.max())
     share /= share.sum()
-    covariance = np.array([np.linalg.inv(normal.curvature) for _, normal in models])
-    shift = np.array([-c @ normal.slope for c, (_, normal) in zip(covariance, models, strict=True)])
+    covariance = np.array([np.linalg.inv(normal.hessian) for _, normal in models])
+    shift = np.array([-c @ normal.gradient for c, (_, normal) in zip(covariance, models, strict=True)])
     shift -= share @ shift
     return np.asarray(np.einsum("m,mij->ij", share, covariance) + (share[:, None] * shift).T @ shift)

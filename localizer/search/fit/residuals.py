@@ -1,7 +1,13 @@
-"""The skyline as it should be seen from a place, and how the observed one differs from it.
+"""Residuals: observed minus predicted elevation of the skyline in each column, and their derivatives by the unknowns.
 
-Beside the residuals and their derivatives by all that is unknown: where the horizon is, whether something nearer hides it, and
-the ground under the camera.
+With the horizon's elevation e, its distance d and slope s = de/da over the azimuth a, and the residual r = observed - e:
+
+    dr/d(east)     = -(s cos a / d + n sin a)         the horizon's point stays where it is
+    dr/d(north)    = -(-s sin a / d + n cos a)        with n = cos^2 e (tan e + 2 D d) / d, D the drop by curvature
+    dr/d(altitude) = cos^2 e / d
+    dr/d(azimuth)  = s
+
+The predicted horizon excludes terrain nearer than ``Terrain.near_m``, which the DEM does not resolve.
 """
 
 from dataclasses import dataclass
@@ -9,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from localizer.dem.geodesy import after
+from localizer.dem.geodesy import geodesic_end
 from localizer.dem.horizon import EXACT_ERROR_M, horizon_around
 from localizer.search.fit.problem import (
     ALTITUDE,
@@ -25,55 +31,65 @@ from localizer.search.fit.problem import (
 Floats = NDArray[np.float64]
 
 SLOPE_STEP_RAD = np.radians(0.06)
-SECANT_STEP_M = 0.5
-BETWEEN_CELLS = 0.1
-"""How far the ground between a DEM's cells lies from its surface, as a share of what that bends from cell to cell."""
-ROUNDED_OFF = 0.5
-"""A DEM rounds summits off: by one standard deviation so much of what a cell rises above its four neighbours."""
-STEEPEST = 5.0
-"""A skyline steeper than this is no better known across itself."""
-LATERAL_SHARE = 0.5
-"""A DEM errs sideways too; as a share of its vertical error."""
+"""Step of the difference quotient for the skyline's slope."""
+DIFFERENCE_STEP_M = 0.5
+"""Step of the central differences by place and altitude."""
+INTERPOLATION_ERROR_SHARE = 0.1
+"""Interpolation error between the cells, as a share of the second difference from cell to cell. Tuned on the scenario
+``dem_error``. @S:fit.residuals.INTERPOLATION_ERROR_SHARE@"""
+SUMMIT_SMOOTHING_SHARE = 0.5
+"""A DEM is too low at summits: standard deviation, as a share of the height of a cell above its four neighbours. Tuned on the
+scenario ``twins``. @S:fit.residuals.SUMMIT_SMOOTHING_SHARE@"""
+LARGEST_SLOPE = 5.0
+"""Larger slopes of the skyline count as this in the variances. Tuned on ``sim evaluate --estimator-only``.
+@S:fit.residuals.LARGEST_SLOPE@"""
+LATERAL_ERROR_SHARE = 0.5
+"""Horizontal error of a DEM as a share of its vertical error. Tuned on the simulated cases of ``sim evaluate``.
+@S:fit.residuals.LATERAL_ERROR_SHARE@"""
 
 
 @dataclass
 class Evaluation:
-    """What is seen from a place, column by column (n,), and the ground there."""
+    """The prediction at one set of unknowns, compared with the observation in each column (n,), and the ground there."""
 
     residual: Floats
     jacobian: Floats
     distance: Floats
-    """Of the horizon beyond ``Terrain.near_m``, metres; the residual is of that."""
+    """Distance of the horizon beyond ``Terrain.near_m``, metres. The residual refers to this horizon."""
     near: NDArray[np.bool_]
-    """Whether the DEM has something nearer that is higher, ..."""
-    above: Floats
-    """... and by how much, radians."""
-    rim: NDArray[np.bool_]
-    """Whether the horizon lies where the DEM ends: no DEM can tell that, either."""
+    """Whether the DEM has terrain nearer than ``Terrain.near_m`` that is higher."""
+    near_excess: Floats
+    """By how much the near terrain is higher, radians; 0 elsewhere."""
+    dem_edge: NDArray[np.bool_]
+    """Whether the predicted horizon lies at the DEM edge, where the true one is unknown."""
     guess_m: Floats
-    """Where the horizon is, near or far."""
+    """Distance of the horizon including near terrain: the initial guess for the next evaluation."""
     slope: Floats
-    """Of the skyline: its elevation by azimuth."""
+    """Slope of the skyline, elevation by azimuth."""
     error_per_m: Floats
-    """Radians in each column for a metre of the error that neighbouring columns share, ..."""
+    """Radians per metre of the correlated error, in each column."""
     error_distance_m: Floats
-    """... which is correlated along a way that is seen from so far away."""
+    """Distance at which the correlated error is seen, metres; it is correlated along the ground there."""
     ground_m: float
     ground_gradient: Floats
     ground_sigma_m: float
-    """How uncertain the ground under the camera is even where the DEM's cells are right."""
+    """Standard deviation of the ground under the camera by interpolation alone."""
 
 
 def evaluate(
-    problem: Problem, x: Floats, origin: tuple[float, float], frame: Floats, guess_m: Floats | None = None
+    problem: Problem,
+    x: Floats,
+    origin: tuple[float, float],
+    coefficients: Floats,
+    guess_m: Floats | None = None,
 ) -> Evaluation:
     """Residuals (n,) in radians and their derivatives (n, parameters) by metres and degrees.
 
-    ``guess_m``: distances (n,) of the horizon from a place nearby.
+    ``guess_m``: distances (n,) of the horizon at a place nearby, to save time.
     """
     terrain = problem.terrain
-    row, col = place_of(x, origin, frame)
-    ground, gradient = ground_at(problem, x, origin, frame)
+    row, col = place_of(x, origin, coefficients)
+    ground, gradient = ground_at(problem, x, origin, coefficients)
     eye = max(x[ALTITUDE], ground + 0.3) if np.isfinite(ground) else x[ALTITUDE]
     azimuth, elevation, attitude = problem.directions(x)
     frame_of = problem.frame_of
@@ -86,15 +102,15 @@ def evaluate(
     tangent[near], distance[near] = horizon_around(terrain, row, col, eye, azimuth[near], beyond_m=beyond_m)
     tangent_beside, _ = horizon_around(terrain, row, col, eye, azimuth + SLOPE_STEP_RAD, distance, beyond_m)
     seen, beside = np.arctan(tangent), np.arctan(tangent_beside)
-    above = np.zeros(n)
-    above[near] = highest - seen[near]
+    near_excess = np.zeros(n)
+    near_excess[near] = highest - seen[near]
     d = np.where(np.isfinite(distance), distance, 1.0)
     slope = (beside - seen) / SLOPE_STEP_RAD
     residual = elevation - seen
     cos2 = np.cos(seen) ** 2
     nearing = cos2 * (np.tan(seen) + 2.0 * terrain.drop_per_m2 * d) / d
     jacobian = np.zeros((n, problem.size))
-    # The horizon's point stays where it is: moving right shifts it left by 1 / d, moving towards it raises it.
+    # The point of the terrain on the horizon stays fixed: see the equations above.
     jacobian[:, EAST] = -(slope * np.cos(azimuth) / d + nearing * np.sin(azimuth))
     jacobian[:, NORTH] = -(-slope * np.sin(azimuth) / d + nearing * np.cos(azimuth))
     jacobian[:, ALTITUDE] = cos2 / d
@@ -107,65 +123,73 @@ def evaluate(
     jacobian[index, FIRST_FRAME + PER_FRAME * frame_of] = slope * per_degree
     jacobian[index, FIRST_FRAME + PER_FRAME * frame_of + 1] = by_tilt
     jacobian[index, FIRST_FRAME + PER_FRAME * frame_of + 2] = by_roll
-    row_h, col_h = after(frame, row, col, d * np.sin(azimuth), d * np.cos(azimuth))
-    rim = np.zeros(n, bool) if problem.believes_rim else terrain.is_rim(row_h, col_h)
-    steep2 = np.minimum(slope**2, STEEPEST**2)
+    row_h, col_h = geodesic_end(coefficients, row, col, d * np.sin(azimuth), d * np.cos(azimuth))
+    dem_edge = np.zeros(n, bool) if problem.uses_edge_columns else terrain.is_dem_edge(row_h, col_h)
+    slope2 = np.minimum(slope**2, LARGEST_SLOPE**2)
     if terrain.exact:
-        error_distance_m, own = np.full(n, problem.contour_distance_m), EXACT_ERROR_M
-        error_per_m = np.sqrt(1.0 + steep2) / problem.contour_distance_m
+        error_distance_m, ground_sigma_m = np.full(n, problem.contour_distance_m), EXACT_ERROR_M
+        error_per_m = np.sqrt(1.0 + slope2) / problem.contour_distance_m
     else:
         error_distance_m = d
         roughness2 = terrain.roughness_at(row_h, col_h) ** 2
-        error_per_m = np.sqrt(1.0 + LATERAL_SHARE**2 * steep2) * np.sqrt(1.0 + roughness2) / d
-        bend_m = terrain.mean_bend_m * float(terrain.roughness_at(np.array([row]), np.array([col]))[0])
-        own = float(
-            np.linalg.norm([BETWEEN_CELLS * bend_m, 0.1, ROUNDED_OFF * terrain.above_neighbours_m(row, col)])
+        error_per_m = np.sqrt(1.0 + LATERAL_ERROR_SHARE**2 * slope2) * np.sqrt(1.0 + roughness2) / d
+        bend_m = terrain.mean_second_difference_m * float(
+            terrain.roughness_at(np.array([row]), np.array([col]))[0]
+        )
+        ground_sigma_m = float(
+            np.linalg.norm(
+                [
+                    INTERPOLATION_ERROR_SHARE * bend_m,
+                    0.1,
+                    SUMMIT_SMOOTHING_SHARE * terrain.above_neighbours_m(row, col),
+                ]
+            )
         )
     return Evaluation(
         residual=residual,
         jacobian=jacobian,
         distance=d,
         near=near,
-        above=above,
-        rim=rim,
+        near_excess=near_excess,
+        dem_edge=dem_edge,
         guess_m=guess_m,
         slope=slope,
         error_per_m=error_per_m,
         error_distance_m=error_distance_m,
         ground_m=ground,
         ground_gradient=gradient,
-        ground_sigma_m=own,
+        ground_sigma_m=ground_sigma_m,
     )
 
 
-def secants(
-    problem: Problem, x: Floats, origin: tuple[float, float], frame: Floats, guess_m: Floats
+def central_differences(
+    problem: Problem, x: Floats, origin: tuple[float, float], coefficients: Floats, guess_m: Floats
 ) -> Floats:
-    """Derivatives (n, 3) of the residuals by place and altitude, over steps of SECANT_STEP_M to either side."""
+    """Derivatives (n, 3) of the residuals by east, north and altitude, as central differences."""
     columns = []
     for parameter in (EAST, NORTH, ALTITUDE):
         step = np.zeros(problem.size)
-        step[parameter] = SECANT_STEP_M
-        ahead = evaluate(problem, x + step, origin, frame, guess_m).residual
-        behind = evaluate(problem, x - step, origin, frame, guess_m).residual
-        columns.append((ahead - behind) / (2.0 * SECANT_STEP_M))
+        step[parameter] = DIFFERENCE_STEP_M
+        ahead = evaluate(problem, x + step, origin, coefficients, guess_m).residual
+        behind = evaluate(problem, x - step, origin, coefficients, guess_m).residual
+        columns.append((ahead - behind) / (2.0 * DIFFERENCE_STEP_M))
     return np.column_stack(columns)
 
 
-def residual_sigma(problem: Problem, here: Evaluation, s: float) -> Floats:
-    """Standard deviations (n,) of the residuals: of the contour across itself, and of what neighbouring columns share."""
-    steep2 = np.minimum(here.slope**2, STEEPEST**2)
-    return np.asarray(np.sqrt(problem.sigma_rad**2 * (1.0 + steep2) + (s * here.error_per_m) ** 2))
+def residual_sigma(problem: Problem, evaluation: Evaluation, s: float) -> Floats:
+    """Standard deviations (n,) of the residuals: contour noise across the skyline, and a correlated error of ``s`` metres."""
+    slope2 = np.minimum(evaluation.slope**2, LARGEST_SLOPE**2)
+    return np.asarray(np.sqrt(problem.sigma_rad**2 * (1.0 + slope2) + (s * evaluation.error_per_m) ** 2))
 
 
-def place_of(x: Floats, origin: tuple[float, float], frame: Floats) -> tuple[float, float]:
+def place_of(x: Floats, origin: tuple[float, float], coefficients: Floats) -> tuple[float, float]:
     """Row and column of the place in ``x``, whose metres count from ``origin``."""
-    row, col = after(frame, *origin, x[EAST], x[NORTH])
+    row, col = geodesic_end(coefficients, *origin, x[EAST], x[NORTH])
     return float(row), float(col)
 
 
 def ground_at(
-    problem: Problem, x: Floats, origin: tuple[float, float], frame: Floats
+    problem: Problem, x: Floats, origin: tuple[float, float], coefficients: Floats
 ) -> tuple[float, Floats]:
     """Height of the ground and its gradient (east, north) over half a cell; NaN beyond the DEM."""
     half = 0.25 * problem.terrain.cell_m
@@ -173,7 +197,7 @@ def ground_at(
     places = []
     for east, north in steps:
         moved = np.array([x[EAST] + east, x[NORTH] + north])
-        places.append(place_of(moved, origin, frame))
+        places.append(place_of(moved, origin, coefficients))
     z = problem.terrain.dem.ground_m(np.array([p[0] for p in places]), np.array([p[1] for p in places]))
     gradient = np.array([z[1] - z[2], z[3] - z[4]]) / (2.0 * half)
     return float(z[0]), np.where(np.isfinite(gradient), gradient, 0.0)

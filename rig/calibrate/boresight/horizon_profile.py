@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
 from localizer.dem.geodesy import enu_to_metric_jacobian, metric_to_rowcol, rowcol_to_metric
-from localizer.dem.horizon import at_rim, horizon, prepare_terrain
+from localizer.dem.horizon import at_dem_edge, horizon, prepare_terrain
 from rig.calibrate.boresight.known_place import KnownPlace
 from rig.config.calibration_files import CalibrationError
 
@@ -77,7 +77,7 @@ def horizon_profile(place: KnownPlace, altitude_m: float) -> HorizonProfile:
     rows, cols = metric_to_rowcol(place.dem, float(x) + aside[:, 0], float(y) + aside[:, 1])
     elevation, distance = horizon(terrain, rows, cols, np.full(len(rows), altitude_m), azimuths_deg)
     nowhere = np.isnan(distance[0])
-    at_end = at_rim(terrain, place.row, place.col, np.radians(azimuths_deg), distance[0])
+    at_end = at_dem_edge(terrain, place.row, place.col, np.radians(azimuths_deg), distance[0])
     open_share = float(np.mean(at_end))
     if open_share > OPEN_LIMIT:
         raise CalibrationError(

@@ -28,8 +28,8 @@ from localizer.dem.horizon import Terrain, prepare_terrain
 from localizer.dem.info import dem_notes
 from localizer.dem.lattice import load_dem
 from localizer.errors import SkyfixError
-from localizer.jit import with_sound_kernels
-from localizer.search.doubts import altitude_note, reason_note
+from localizer.jit import recompiled_if_damaged
+from localizer.search.altitude_reference import altitude_note, reason_note
 from localizer.search.locate import load_kernels, load_picture_kernels, observe
 from localizer.skyline.upright import frame_skyline
 from localizer.track.document import track_line
@@ -61,14 +61,14 @@ def main() -> None:
             dem = load_dem([Path(file) for file in first["dem"]], error_m=first["dem_error_m"])
         for note in dem_notes(dem):
             print(f"dem: {note}", file=sys.stderr)
-        terrain = with_sound_kernels(lambda: prepare_terrain(dem))
+        terrain = recompiled_if_damaged(lambda: prepare_terrain(dem))
     except SkyfixError as error:
         _send(out, {"error": f"[run] dem: {error}"})
         return
     _send(out, {"terrain": {"cells": int(terrain.height_m.size)}})
-    with_sound_kernels(load_picture_kernels)
+    recompiled_if_damaged(load_picture_kernels)
     _send(out, {"pictures": True})
-    with_sound_kernels(lambda: load_kernels(terrain))
+    recompiled_if_damaged(lambda: load_kernels(terrain))
     _send(out, {"ready": True})
     while True:
         request = requests.get()

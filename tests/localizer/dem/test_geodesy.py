@@ -11,7 +11,7 @@ from localizer.dem.crs import own_lonlat_deg, own_xy
 from localizer.dem.geodesy import (
     enu_to_metric_jacobian,
     geod,
-    lattice_frames,
+    geodesic_expansion,
     lonlat_to_rowcol,
     meridian_convergence_deg,
     metric_to_rowcol,
@@ -125,13 +125,13 @@ def test_jacobians_come_in_the_shape_of_the_positions():
 @pytest.mark.parametrize(
     ("distance_m", "tolerance_m"), [(100.0, 0.001), (1e3, 0.01), (10e3, 0.05), (30e3, 0.5)]
 )
-def test_frames_follow_geodesics(dem, distance_m, tolerance_m):
+def test_the_expansion_follows_geodesics(dem, distance_m, tolerance_m):
     rng = np.random.default_rng(7)
     row, col = rng.uniform(0, 999, (2, 2000))
     azimuth_deg = rng.uniform(0, 360, 2000)
     e, n = distance_m * np.sin(np.radians(azimuth_deg)), distance_m * np.cos(np.radians(azimuth_deg))
     terms = np.stack([e, n, e * e, e * n, n * n], axis=-1)
-    reached = np.stack([row, col], -1) + np.einsum("kij,kj->ki", lattice_frames(dem).at(row, col), terms)
+    reached = np.stack([row, col], -1) + np.einsum("kij,kj->ki", geodesic_expansion(dem).at(row, col), terms)
 
     lon_deg, lat_deg = own_lonlat_deg(dem.crs, *rowcol_to_xy(dem, row, col))
     to_lon, to_lat, _ = geod(dem).fwd(lon_deg, lat_deg, azimuth_deg, np.full(2000, distance_m))
@@ -140,11 +140,11 @@ def test_frames_follow_geodesics(dem, distance_m, tolerance_m):
     assert error_m.max() < tolerance_m
 
 
-def test_frames_hold_over_a_whole_degree_tile():
+def test_the_expansion_holds_over_a_whole_degree_tile():
     dem = flat(4326, 7.0, 47.0, ARC_SECOND, cells=3601)
     row, col = np.array([1.0, 1800.3, 3599.0]), np.array([17.0, 900.7, 3590.0])
     e, n = 30e3 * np.sin(1.0), 30e3 * np.cos(1.0)
-    reached = lattice_frames(dem).at(row, col) @ [e, n, e * e, e * n, n * n] + np.stack([row, col], -1)
+    reached = geodesic_expansion(dem).at(row, col) @ [e, n, e * e, e * n, n * n] + np.stack([row, col], -1)
     lon_deg, lat_deg = own_lonlat_deg(dem.crs, *rowcol_to_xy(dem, row, col))
     to_lon, to_lat, _ = geod(dem).fwd(lon_deg, lat_deg, np.full(3, np.degrees(1.0)), np.full(3, 30e3))
     expected = np.stack(xy_to_rowcol(dem, to_lon, to_lat), -1)
@@ -152,16 +152,16 @@ def test_frames_hold_over_a_whole_degree_tile():
 
 
 def test_north_is_up_and_east_is_right():
-    (r_e, r_n, *_), (c_e, c_n, *_) = lattice_frames(DEMS["geographic, lat 46"]).at(500.0, 500.0)[0]
+    (r_e, r_n, *_), (c_e, c_n, *_) = geodesic_expansion(DEMS["geographic, lat 46"]).at(500.0, 500.0)[0]
     assert r_n == pytest.approx(-1 / DEMS["geographic, lat 46"].spacing_ns_m, rel=1e-4)
     assert c_e == pytest.approx(1 / DEMS["geographic, lat 46"].spacing_ew_m, rel=1e-4)
     assert abs(r_e) < 1e-9
     assert abs(c_n) < 1e-9
 
 
-def test_frames_are_fast_for_a_hundred_thousand_positions():
-    frames = lattice_frames(DEMS["Swiss"])
+def test_the_expansion_is_fast_for_a_hundred_thousand_positions():
+    expansion = geodesic_expansion(DEMS["Swiss"])
     row, col = np.random.default_rng(1).uniform(0, 999, (2, 100_000))
     start = time.perf_counter()
-    assert frames.at(row, col).shape == (100_000, 2, 5)
+    assert expansion.at(row, col).shape == (100_000, 2, 5)
     assert time.perf_counter() - start < 0.5

@@ -16,9 +16,9 @@ from localizer.dem.lattice import dem_from_array
 from localizer.fix import ellipse
 from localizer.observation import Observation, PriorCircle
 from localizer.search.answer import metric_covariance
-from localizer.search.locate import _within_prior
+from localizer.search.prior_circle import cells_within_prior
 from localizer.show.candidates import ellipse_ring_m, places
-from localizer.show.text import report, sigmas_off
+from localizer.show.text import fix_text, sigmas_off
 from localizer.truth import Truth
 
 GEOD = Geod(ellps="WGS84")
@@ -134,7 +134,7 @@ def test_the_true_error_is_of_the_ground():
     assert abs(east_x - position.easting_m) > 25.0  # metres of the map
     assert truth.distance_m(position, dem) == pytest.approx(10.0, abs=0.01)
     assert sigmas_off(result.fix, truth, dem) == pytest.approx(5.0, abs=0.01)
-    text = report(result.fix, dem, truth)
+    text = fix_text(result.fix, dem, truth)
     assert "1 sigma     2.0 m x 2.0 m" in text
     assert "(EPSG:3857; a metre of this map is 0.37 m here)" in text
     assert "true error  10.0 m  (5.0 sigma)" in text
@@ -160,7 +160,7 @@ def test_a_prior_s_circle_is_of_the_ground(radius_m):
     row, col = np.mgrid[: dem.rows, : dem.cols]
     lon, lat = rowcol_to_lonlat(dem, row, col)
     off_m = GEOD.inv(np.full(lon.shape, lon_deg), np.full(lon.shape, lat_deg), lon, lat)[2]
-    within = _within_prior(terrain, nothing)
+    within = cells_within_prior(terrain, nothing)
     clear = np.abs(off_m - radius_m) > 0.5
     assert np.array_equal(within[clear], (off_m <= radius_m)[clear])
 
@@ -168,7 +168,7 @@ def test_a_prior_s_circle_is_of_the_ground(radius_m):
 def test_a_prior_far_outside_holds_no_cell():
     terrain = prepare_terrain(mercator_dem())
     away = Observation((), 2.0, None, np.inf, 0.5, 0.02, PriorCircle(-40.0, 170.0, 1000.0))
-    assert not _within_prior(terrain, away).any()
+    assert not cells_within_prior(terrain, away).any()
     assert Prior(lat_deg=0.0, lon_deg=241.8, radius_m=10.0).lon_deg == 241.8
 
 

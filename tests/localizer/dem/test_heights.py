@@ -14,8 +14,8 @@ from localizer.dem.info import dem_notes
 from localizer.dem.lattice import DemError, dem_from_array, load_dem
 from localizer.fix import Fix, Nuisance, Position, Stage1Counts
 from localizer.observation import Observation
+from localizer.search.altitude_reference import altitude_note, diagnose_altimeter, with_datum_uncertainty
 from localizer.search.answer import Located, without_known_datum
-from localizer.search.doubts import altitude_as_trusted, altitude_note, without_altimeter
 
 ELLIPSOIDAL = (
     'COMPD_CS["UTM 11 + ellipsoid",'
@@ -65,7 +65,7 @@ def test_heights_above_the_ellipsoid_are_said_and_the_altimeter_trusted_less(wri
     assert status == 0
     assert "--geoid-offset" in out
     dem = load_dem([path])
-    trusted = altitude_as_trusted(observation(altitude_m=1000.0, sigma_m=5.0), dem)
+    trusted = with_datum_uncertainty(observation(altitude_m=1000.0, sigma_m=5.0), dem)
     assert trusted.altitude_sigma_m == pytest.approx(np.hypot(5.0, GEOID_SIGMA_M))
 
 
@@ -74,7 +74,7 @@ def test_the_geoid_offset_is_taken_off_and_then_the_altimeter_counts(write_raste
     dem = load_dem([path], geoid_offset_m=-33.5)
     assert np.allclose(dem.z_m, HILLS + 33.5)
     told = observation(altitude_m=1000.0, sigma_m=5.0)
-    assert altitude_as_trusted(told, dem) is told
+    assert with_datum_uncertainty(told, dem) is told
     assert not any("ellipsoid" in note for note in dem_notes(dem))
     # without a word in the file too: not every file says it
     assert np.allclose(load_dem([write_raster(HILLS, "bare.tif")], geoid_offset_m=-33.5).z_m, HILLS + 33.5)
@@ -209,7 +209,7 @@ def test_where_nothing_fits_the_altitude_is_left_out_once_and_what_that_shows_is
         return located("fix")
 
     terrain = SimpleNamespace(dem=DEM)
-    fix = without_altimeter(terrain, observation(), a_fix("none"), search)  # type: ignore[arg-type]
+    fix = diagnose_altimeter(terrain, observation(), a_fix("none"), search)  # type: ignore[arg-type]
     assert fix.status == "none"
     assert fix.position is None
     assert fix.reason.code == "no_ground_at_altitude"
@@ -220,7 +220,7 @@ def test_where_nothing_fits_the_altitude_is_left_out_once_and_what_that_shows_is
 
 def test_where_it_shows_nothing_either_that_is_said():
     terrain = SimpleNamespace(dem=DEM)
-    fix = without_altimeter(terrain, observation(), a_fix("none"), lambda _: located("none"))  # type: ignore[arg-type]
+    fix = diagnose_altimeter(terrain, observation(), a_fix("none"), lambda _: located("none"))  # type: ignore[arg-type]
     assert fix.status == "none"
     assert fix.reason.code == "outside"
 
@@ -231,7 +231,7 @@ def test_where_it_shows_nothing_either_that_is_said():
 )
 def test_nothing_is_searched_again_with_a_place_or_without_an_altimeter(fix, seen):
     terrain = SimpleNamespace(dem=DEM)
-    assert without_altimeter(terrain, seen, fix, lambda _: pytest.fail("searched")) is fix  # type: ignore[arg-type]
+    assert diagnose_altimeter(terrain, seen, fix, lambda _: pytest.fail("searched")) is fix  # type: ignore[arg-type]
 
 
 def test_a_place_on_an_unknown_datum_is_no_fix():

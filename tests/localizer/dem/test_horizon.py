@@ -8,7 +8,14 @@ import pytest
 from affine import Affine
 from pyproj import CRS
 
-from localizer.dem.horizon import EARTH_RADIUS_M, RIM_CELLS, Terrain, horizon, horizon_around, prepare_terrain
+from localizer.dem.horizon import (
+    DEM_EDGE_CELLS,
+    EARTH_RADIUS_M,
+    Terrain,
+    horizon,
+    horizon_around,
+    prepare_terrain,
+)
 from localizer.dem.lattice import Dem, dem_from_array, load_dem
 
 SANTA_CRUZ = Path(__file__).parents[3] / "sim" / "terrain" / "santa_cruz_srtm_1s.tif"
@@ -81,8 +88,8 @@ def test_the_horizon_of_real_terrain_is_that_of_a_brute_force_march(santa_cruz: 
         elevation, _ = horizon(santa_cruz, row, col, eye, azimuth)
         s = np.concatenate([np.arange(0.02, 400.0, 0.02), np.arange(400.0, 30_000.0, 0.2)])
         e, n = s * np.sin(np.radians(azimuth)), s * np.cos(np.radians(azimuth))
-        frame = santa_cruz.frames.at(np.array([row]), np.array([col]))[0]
-        steps = frame @ np.stack([e, n, e * e, e * n, n * n])
+        coefficients = santa_cruz.geodesics.at(np.array([row]), np.array([col]))[0]
+        steps = coefficients @ np.stack([e, n, e * e, e * n, n * n])
         tangent = (dem.ground_m(row + steps[0], col + steps[1]) - eye) / s - santa_cruz.drop_per_m2 * s
         best = int(np.nanargmax(tangent))
         assert elevation[0, 0] >= np.degrees(np.arctan(tangent[best])) - 1e-4
@@ -103,7 +110,7 @@ def test_turning_the_grid_does_not_turn_the_horizon(santa_cruz: Terrain):
     assert first[0] == pytest.approx(second[0], abs=5e-3)
 
 
-def test_a_void_hides_nothing_and_shows_nothing():
+def test_a_void_neither_occludes_nor_forms_a_horizon():
     _, north = east_north()
     height = np.where(np.isclose(north, 600.0), 100.0, 0.0)
     height[np.isclose(north, 600.0)] = np.nan
@@ -135,10 +142,12 @@ def test_the_rim_is_what_lies_close_to_where_the_dem_ends_or_to_a_void():
     height[60, 80] = np.nan
     terrain = prepare_terrain(dem_of(height))
     index = np.arange(SIDE)
-    outer = (index < RIM_CELLS) | (index >= SIDE - RIM_CELLS)
-    by_void = (np.abs(index - 60) <= RIM_CELLS)[:, None] & (np.abs(index - 80) <= RIM_CELLS)[None, :]
-    assert np.array_equal(terrain.rim, outer[:, None] | outer[None, :] | by_void)
-    lies_there = terrain.is_rim(np.array([-5.0, 60.4, MIDDLE]), np.array([70.0, 77.0, MIDDLE]))
+    outer = (index < DEM_EDGE_CELLS) | (index >= SIDE - DEM_EDGE_CELLS)
+    by_void = (np.abs(index - 60) <= DEM_EDGE_CELLS)[:, None] & (np.abs(index - 80) <= DEM_EDGE_CELLS)[
+        None, :
+    ]
+    assert np.array_equal(terrain.dem_edge, outer[:, None] | outer[None, :] | by_void)
+    lies_there = terrain.is_dem_edge(np.array([-5.0, 60.4, MIDDLE]), np.array([70.0, 77.0, MIDDLE]))
     assert lies_there.tolist() == [True, True, False]
 
 

@@ -20,10 +20,10 @@ from pyproj import CRS, Geod
 from localizer.bundle import load_bundle
 from localizer.commands.cli import localizer
 from localizer.commands.predict import parse_place
-from localizer.dem.crs import turn_in_x, utm_crs, wrapped_deg, wrapped_lon_deg
+from localizer.dem.crs import utm_crs, wrapped_deg, wrapped_lon_deg, x_period
 from localizer.dem.geodesy import (
     bounds_deg,
-    lattice_frames,
+    geodesic_expansion,
     lonlat_to_rowcol,
     rowcol_to_lonlat,
     rowcol_to_metric,
@@ -33,11 +33,11 @@ from localizer.dem.lattice import dem_from_array, load_dem
 from localizer.fix import Position, lat_lon
 from localizer.observation import Observation, PriorCircle
 from localizer.predict.views import standpoint
-from localizer.search.locate import _within_prior
+from localizer.search.prior_circle import cells_within_prior
 from localizer.show.candidates import places
 from localizer.show.posterior import posterior
 from localizer.show.report_folder import files_beside
-from localizer.track.places import moved, place
+from localizer.track.gaussian_place import displaced, gaussian_place
 
 GEOD = Geod(ellps="WGS84")
 STEP = 1 / 3600
@@ -105,7 +105,7 @@ def test_every_place_comes_out_wrapped_and_is_found_by_either_longitude(name):
 
 def test_a_map_on_a_cylinder_goes_on_beyond_its_seam():
     dem = on_a_cylinder()
-    assert turn_in_x(dem.crs) == pytest.approx(2.0 * np.pi * 6378137.0)
+    assert x_period(dem.crs) == pytest.approx(2.0 * np.pi * 6378137.0)
     row, col = np.mgrid[0 : ROWS - 1 : 5j, 0 : COLS - 1 : 9j]
     lon_deg, lat_deg = rowcol_to_lonlat(dem, row, col)
     assert wrapped(lon_deg)
@@ -116,7 +116,7 @@ def test_a_map_on_a_cylinder_goes_on_beyond_its_seam():
     easting_m, _ = rowcol_to_metric(dem, row, col)
     assert np.ptp(easting_m) == pytest.approx(300.0 * (COLS - 1))
     # rays run on over the seam
-    steps = lattice_frames(dem).coefficients[..., 1, 0]
+    steps = geodesic_expansion(dem).coefficients[..., 1, 0]
     assert np.ptp(steps) < 1e-2 * abs(steps.mean())
 
 
@@ -126,7 +126,7 @@ def test_a_prior_s_circle_lies_where_it_is_in_either_convention(name):
     lon_deg, lat_deg = (float(v) for v in rowcol_to_lonlat(terrain.dem, 20.0, 30.0))
     for turned in (lon_deg, lon_deg + 360.0, lon_deg - 360.0):
         circle = PriorCircle(lat_deg, turned, 200.0)
-        within = _within_prior(terrain, Observation((), 2.0, None, np.inf, 0.5, 0.02, circle))
+        within = cells_within_prior(terrain, Observation((), 2.0, None, np.inf, 0.5, 0.02, circle))
         assert within[20, 30]
         assert 100 < within.sum() < 400
 
@@ -141,11 +141,11 @@ def test_a_position_is_wrapped_whoever_makes_it():
 
 def test_a_vehicle_that_drives_over_the_date_line_is_tracked_over_it():
     sigma = np.eye(2)
-    there = moved(place(52.0, 179.9999, sigma, 0.0 * sigma), np.array([50.0, 0.0]), sigma)
+    there = displaced(gaussian_place(52.0, 179.9999, sigma, 0.0 * sigma), np.array([50.0, 0.0]), sigma)
     assert -180.0 <= there.lon_deg < -179.9
-    back = moved(there, np.array([-50.0, 0.0]), sigma)
+    back = displaced(there, np.array([-50.0, 0.0]), sigma)
     assert back.lon_deg == pytest.approx(179.9999, abs=1e-6)
-    assert moved(place(0.0, 180.0, sigma, 0.0 * sigma), np.zeros(2), sigma).lon_deg == -180.0
+    assert displaced(gaussian_place(0.0, 180.0, sigma, 0.0 * sigma), np.zeros(2), sigma).lon_deg == -180.0
 
 
 @pytest.mark.parametrize("text", ["34.3,241.8", "34.3,-118.2", "34.3, -118.2"])

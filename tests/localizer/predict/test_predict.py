@@ -61,7 +61,7 @@ def test_the_edge_of_the_dem_is_no_skyline_to_rely_upon():
     assert summit.azimuth_deg == pytest.approx(90.0, abs=0.1)
 
 
-def test_the_border_of_a_void_is_as_doubtful_as_the_edge():
+def test_the_border_of_a_void_is_as_unreliable_as_the_edge():
     z_m = np.full((SIDE, SIDE), 100.0)
     z_m[:, 130] = 150.0  # a wall in the east, and nothing known behind it
     solid = view(terrain(z_m), place_on(terrain(z_m)), 90.0, 40.0)
@@ -81,7 +81,7 @@ def test_land_beyond_the_edge_may_overtop_a_low_skyline_but_not_a_high_one():
     assert not view(ground, place, 270.0, 20.0).may_be_overtopped.any()
 
 
-def test_a_skyline_nearer_than_two_cells_is_told():
+def test_a_skyline_nearer_than_two_cells_is_reported():
     near, far = plain_with(100, 101, 30.0), plain_with(100, 104, 30.0)
     seen = view(near, place_on(near), 90.0, 10.0)
     assert seen.too_near.all()

@@ -1,15 +1,15 @@
-"""From places and what speaks for them to a status, probabilities that leave nothing out, and a reason."""
+"""From places and their evidence to a status, complete probabilities, and a reason."""
 
 import dataclasses
 
 import numpy as np
 import pytest
 
-from localizer.search.contest import _weight
-from localizer.search.decide import answered_with, decide, log_mass, nowhere, objection
+from localizer.search.decide import decide, log_mass, no_place, rejection_reason, with_refined_best
 from localizer.search.fit.correlated_errors import ErrorModel
 from localizer.search.fit.refine import Refined
 from localizer.search.reasons import no_skyline
+from localizer.search.selection import _rejected_weight
 
 CELL_M = 30.0
 
@@ -24,13 +24,13 @@ def place(row: float = 100.0, **changes: object) -> Refined:
         tilt_bias_deg=0.0,
         frame_errors_deg=np.zeros((4, 3)),
         covariance_enu_m2=np.eye(2),
-        fit_cost=-3000.0,
+        neg_log_posterior=-3000.0,
         dem_error_m=1.0,
         correlation_columns=2.0,
         inlier_share=0.98,
         prior_chi2=4.0,
         residual_px={"N": 0.5},
-        misfit_per_column=-5.0,
+        mean_column_nll=-5.0,
         evidence=90.0,
         error_model=ErrorModel(0.1, 0.5, 240.0),
     )
@@ -79,7 +79,7 @@ def test_negligible_places_are_left_to_elsewhere():
     assert answer.probabilities[0] + answer.elsewhere == pytest.approx(1.0)
 
 
-def test_a_wide_peak_has_more_mass_than_a_narrow_one_of_the_same_height():
+def test_a_wide_mode_has_more_mass_than_a_narrow_one_of_the_same_height():
     wide = place(200.0, covariance_enu_m2=100.0 * np.eye(2))
     assert decision(place(), wide).probabilities[1] > 0.8
     # below a tenth of a cell, width is chance
@@ -94,7 +94,7 @@ def test_a_wide_peak_has_more_mass_than_a_narrow_one_of_the_same_height():
         ({"covariance_enu_m2": np.diag([151.0**2, 1.0])}, "too_little_skyline", "151 m"),
     ],
 )
-def test_one_place_on_weak_evidence_or_known_too_vaguely_is_no_fix(changes, code, words):
+def test_one_place_with_weak_evidence_or_a_large_covariance_is_no_fix(changes, code, words):
     answer = decision(place(**changes))
     assert (answer.status, answer.reason.code) == ("ambiguous", code)
     assert words in answer.reason.text
@@ -102,9 +102,9 @@ def test_one_place_on_weak_evidence_or_known_too_vaguely_is_no_fix(changes, code
 
 def test_a_fix_whose_last_ellipse_is_too_wide_becomes_ambiguous():
     wide = place(covariance_enu_m2=np.diag([151.0**2, 1.0]))
-    answer = answered_with(decision(place()), wide, CELL_M)
+    answer = with_refined_best(decision(place()), wide, CELL_M)
     assert (answer.status, answer.reason.code) == ("ambiguous", "too_little_skyline")
-    assert answered_with(decision(place()), place(), CELL_M).reason is None
+    assert with_refined_best(decision(place()), place(), CELL_M).reason is None
 
 
 @pytest.mark.parametrize(
@@ -117,28 +117,28 @@ def test_a_fix_whose_last_ellipse_is_too_wide_becomes_ambiguous():
         ({"prior_chi2": 65.0}, 200.0, "contradicted", "readings"),
     ],
 )
-def test_what_speaks_against_a_place_is_said_with_what_would_help(changes, skyline_deg, code, words):
-    reason = objection(place(**changes), 12.0, 16, skyline_deg)
+def test_the_reason_for_rejecting_a_place_says_what_would_help(changes, skyline_deg, code, words):
+    reason = rejection_reason(place(**changes), 12.0, 16, skyline_deg)
     assert reason.code == code
     assert words in reason.text
     assert reason.text.endswith(".")
 
 
-def test_nothing_speaks_against_a_place_just_within_the_limits():
+def test_a_place_just_within_the_limits_is_not_rejected():
     limits = {"evidence": 15.0, "dem_error_m": 11.7, "inlier_share": 0.6, "prior_chi2": 64.9}
-    assert objection(place(**limits), 12.0, 16, 200.0) is None
+    assert rejection_reason(place(**limits), 12.0, 16, 200.0) is None
 
 
-def test_no_place_at_all_is_all_elsewhere():
-    answer = nowhere(no_skyline())
+def test_without_a_place_all_probability_is_elsewhere():
+    answer = no_place(no_skyline())
     assert (answer.status, answer.elsewhere, answer.candidates) == ("none", 1.0, [])
     assert answer.reason.code == "too_little_skyline"
 
 
-def test_a_place_left_out_counts_by_how_far_it_is_behind_the_winner():
-    winner = place()  # log-odds 88
-    assert _weight(place(evidence=90.0), winner) == 1.0
-    assert _weight(place(evidence=80.0), winner) == 1.0, "around it there may be a better one"
-    assert _weight(place(evidence=60.0), winner) == pytest.approx(np.exp(-10.0))
+def test_a_rejected_place_is_weighted_by_its_log_odds_behind_the_best():
+    best = place()  # log-odds 88
+    assert _rejected_weight(place(evidence=90.0), best) == 1.0
+    assert _rejected_weight(place(evidence=80.0), best) == 1.0, "around it there may be a better one"
+    assert _rejected_weight(place(evidence=60.0), best) == pytest.approx(np.exp(-10.0))
     chance, worse = place(evidence=2.0), place(evidence=-50.0)
-    assert _weight(worse, winner) == _weight(chance, winner) == pytest.approx(np.exp(-39.0))
+    assert _rejected_weight(worse, best) == _rejected_weight(chance, best) == pytest.approx(np.exp(-39.0))

@@ -34,7 +34,7 @@ def ground_sigma_m(middle_m: float, place: tuple[float, float] = (MIDDLE, MIDDLE
     problem = Problem(terrain, observation, tuple(frame_contour(f) for f in observation.frames), 8)
     x = np.zeros(problem.size)
     x[ALTITUDE] = float(terrain.dem.ground_m(*place)) + 2.0
-    frame = terrain.frames.at(np.array([place[0]]), np.array([place[1]]))[0]
+    frame = terrain.geodesics.at(np.array([place[0]]), np.array([place[1]]))[0]
     return evaluate(problem, x, place, frame).ground_sigma_m
 
 

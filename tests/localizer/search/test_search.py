@@ -20,13 +20,13 @@ from localizer.fix import Fix
 from localizer.observation import Observation, PriorCircle
 from localizer.search.answer import fix_of
 from localizer.search.contours import FrameContour, frame_contour, measured_skyline
-from localizer.search.contradiction import Settled, frame_agreement, settle_frames
-from localizer.search.fit.lattice import places_around, spread_around
-from localizer.search.fit.local_optima import problems_of, within_the_dem
-from localizer.search.fit.noise import Noise, usual_noise
+from localizer.search.fit.local_grid import grid_optima, grid_second_moment
+from localizer.search.fit.local_optima import problems_of, without_edge_columns
+from localizer.search.fit.noise import Noise, initial_noise
 from localizer.search.fit.problem import Problem
 from localizer.search.fit.refine import Refined, refine
 from localizer.search.fit.residuals import evaluate
+from localizer.search.leave_one_out import CheckedAnswer, check_frames, frame_agreement
 from localizer.search.locate import locate
 from localizer.search.locate import observe as observation_of
 from localizer.search.stage1 import bands, heading_offsets_deg, search_stage1
@@ -69,37 +69,39 @@ def test_the_error_agrees_with_the_covariance(terrain):
     assert 0.1 < np.mean(squares) < 4.0
 
 
-def said_to_be(terrain: Terrain, error_m: float) -> Terrain:
+def declared(terrain: Terrain, error_m: float) -> Terrain:
     return dataclasses.replace(terrain, dem=dataclasses.replace(terrain.dem, error_m=error_m))
 
 
-def test_a_dem_said_to_be_the_terrain_itself_is_taken_at_its_word_where_that_fits(terrain):
+def test_an_exact_dem_gives_a_smaller_covariance_where_it_fits(terrain):
     observation = observe(terrain, noise_px=3.0)
-    doubted, trusted = locate(terrain, observation), locate(said_to_be(terrain, 0.0), observation)
-    assert trusted.decision.status == doubted.decision.status == "fix"
-    sigma_m = np.sqrt([np.trace(found.best.covariance_enu_m2) for found in (trusted, doubted)])
+    with_default, exact = locate(terrain, observation), locate(declared(terrain, 0.0), observation)
+    assert exact.decision.status == with_default.decision.status == "fix"
+    sigma_m = np.sqrt([np.trace(found.best.covariance_enu_m2) for found in (exact, with_default)])
     assert sigma_m[0] < 0.9 * sigma_m[1]
-    assert error_cells(trusted) * terrain.cell_m < 4.0 * sigma_m[0]
-    assert (trusted.best.row, trusted.best.col) != (doubted.best.row, doubted.best.col)
+    assert error_cells(exact) * terrain.cell_m < 4.0 * sigma_m[0]
+    assert (exact.best.row, exact.best.col) != (with_default.best.row, with_default.best.col)
 
 
 @pytest.mark.long
 @pytest.mark.parametrize(("rms_m", "reach_cells"), [(2.0, 0.0), (1.0, 3.0)])
-def test_a_dem_wrongly_said_to_be_the_terrain_itself_is_doubted_all_the_same(terrain, rms_m, reach_cells):
+def test_a_dem_wrongly_declared_exact_gives_the_result_of_the_default_error_model(
+    terrain, rms_m, reach_cells
+):
     observation = observe(terrain)
     off = np.random.default_rng(3).normal(0.0, 1.0, terrain.dem.z_m.shape)
     if reach_cells:
         off = cv2.GaussianBlur(off, (0, 0), reach_cells)
     z_m = (terrain.dem.z_m + rms_m * off / off.std()).astype(np.float32)
     wrong = prepare_terrain(dataclasses.replace(terrain.dem, z_m=z_m))
-    doubted, trusted = locate(wrong, observation), locate(said_to_be(wrong, 0.0), observation)
-    assert trusted.decision.status == doubted.decision.status != "none"
-    assert (trusted.best.row, trusted.best.col) == (doubted.best.row, doubted.best.col)
-    assert trusted.best.dem_error_m > 0.5
+    with_default, exact = locate(wrong, observation), locate(declared(wrong, 0.0), observation)
+    assert exact.decision.status == with_default.decision.status != "none"
+    assert (exact.best.row, exact.best.col) == (with_default.best.row, with_default.best.col)
+    assert exact.best.dem_error_m > 0.5
 
 
 @pytest.mark.parametrize("beyond_cells", [pytest.param(2, marks=pytest.mark.long), 5])
-def test_a_camera_just_beyond_the_end_of_the_dem_is_nowhere(terrain, beyond_cells):
+def test_a_camera_just_beyond_the_end_of_the_dem_gives_none(terrain, beyond_cells):
     place, dem = (200.1, 500.5), terrain.dem
     south = dem_from_array(dem.z_m[round(place[0]) + beyond_cells :], dem.transform, dem.crs)
     located = locate(prepare_terrain(south), observe(terrain, place))
@@ -107,14 +109,14 @@ def test_a_camera_just_beyond_the_end_of_the_dem_is_nowhere(terrain, beyond_cell
     assert located.best is None
 
 
-def test_the_search_sets_out_from_the_error_that_a_dem_is_said_to_have(terrain):
-    assert said_to_be(terrain, 7.5).usual_error_m == 7.5
-    assert said_to_be(terrain, 7.5).largest_error_m == 30.0
-    assert said_to_be(terrain, 0.001).largest_error_m == 3.0, "too little said loses no place"
-    assert terrain.usual_error_m >= 3.0
-    assert said_to_be(terrain, 7.5).near_m == terrain.near_m > 0.0
-    assert said_to_be(terrain, 0.0).near_m == 0.0
-    assert said_to_be(terrain, 0.0).doubted().usual_error_m == terrain.usual_error_m
+def test_the_declared_dem_error_is_the_initial_one(terrain):
+    assert declared(terrain, 7.5).nominal_error_m == 7.5
+    assert declared(terrain, 7.5).largest_error_m == 30.0
+    assert declared(terrain, 0.001).largest_error_m == 3.0, "too little said loses no place"
+    assert terrain.nominal_error_m >= 3.0
+    assert declared(terrain, 7.5).near_m == terrain.near_m > 0.0
+    assert declared(terrain, 0.0).near_m == 0.0
+    assert declared(terrain, 0.0).with_error_model().nominal_error_m == terrain.nominal_error_m
 
 
 def test_stage_one_keeps_the_true_cell_and_counts_what_it_did(terrain):
@@ -153,7 +155,7 @@ def test_half_a_cell_away_the_ground_differs_by_half_a_step():
 
 
 @pytest.mark.parametrize("azimuths", [(20.0, 140.0, 260.0), (0.0, 40.0, 80.0, 120.0, 200.0, 290.0)])
-def test_frames_may_look_in_any_directions_and_be_any_number(terrain, azimuths):
+def test_frames_may_have_any_azimuths_and_any_number(terrain, azimuths):
     located = locate(terrain, observe(terrain, azimuths=azimuths))
     assert located.decision.status == "fix"
     assert error_cells(located) < 0.1
@@ -173,7 +175,7 @@ def test_a_stretch_of_wrong_contour_does_not_outweigh_the_rest(terrain):
     assert error_cells(located) < 0.3
 
 
-def test_a_frame_whose_centre_is_hidden_does_not_lose_the_place(terrain):
+def test_an_occluded_central_column_does_not_lose_the_place(terrain):
     observation = observe(terrain)
     frame = observation.frames[2]
     wrong = frame.v_px.copy()
@@ -187,10 +189,10 @@ def test_a_frame_whose_centre_is_hidden_does_not_lose_the_place(terrain):
     assert error_cells(located) < 0.3
 
 
-def settled(terrain: Terrain, observation: Observation) -> Settled:
+def checked_answer(terrain: Terrain, observation: Observation) -> CheckedAnswer:
     located = locate(terrain, observation)
-    return settle_frames(
-        terrain, observation, located, lambda fewer: locate(terrain, fewer, everywhere=False)
+    return check_frames(
+        terrain, observation, located, lambda fewer: locate(terrain, fewer, retry_all_cells=False)
     )
 
 
@@ -213,7 +215,7 @@ def with_a_view_of_elsewhere(terrain: Terrain) -> Observation:
     "spoil", [with_tilt_misread, pytest.param(with_a_view_of_elsewhere, marks=pytest.mark.long)]
 )
 def test_a_frame_that_contradicts_the_others_is_left_out_and_named(terrain, spoil):
-    answer = settled(terrain, spoil(terrain))
+    answer = checked_answer(terrain, spoil(terrain))
     assert answer.left_out == "frame 1"
     assert answer.agreement["frame 1"] < 0.4
     assert min(answer.agreement[f"frame {number}"] for number in (0, 2, 3)) > 0.8
@@ -230,7 +232,7 @@ def test_a_track_does_without_that_frame_too(terrain):
 
 
 def test_frames_that_agree_are_all_kept(terrain):
-    answer = settled(terrain, observe(terrain))
+    answer = checked_answer(terrain, observe(terrain))
     assert answer.left_out is None
     assert min(answer.agreement.values()) > 0.9
 
@@ -241,7 +243,7 @@ def test_leaving_out_a_frame_makes_no_fix_of_a_place_outside_the_dem(terrain):
     elsewhere = dataclasses.replace(
         dem, z_m=np.where(np.arange(dem.cols)[None, :] < 300, dem.z_m, np.float32(np.nan)).astype(np.float32)
     )
-    answer = settled(prepare_terrain(elsewhere), observe(terrain, (250.0, 500.0)))
+    answer = checked_answer(prepare_terrain(elsewhere), observe(terrain, (250.0, 500.0)))
     assert answer.left_out is None
     assert answer.located.decision.status == "none"
 
@@ -275,10 +277,10 @@ def test_a_frame_whose_horizon_lies_where_the_dem_ends_neither_agrees_nor_contra
         row=row, col=col, altitude_m=eye_m, azimuth_bias_deg=0.0, tilt_bias_deg=0.0, dem_error_m=1.0
     )
     raised = dataclasses.replace(seen, v_px=seen.v_px - 30.0)
-    all_rim = dataclasses.replace(terrain, rim=np.ones_like(terrain.rim))
+    all_edge = dataclasses.replace(terrain, dem_edge=np.ones_like(terrain.dem_edge))
     assert frame_agreement(terrain, seen, found) > 0.9
     assert frame_agreement(terrain, raised, found) < 0.1
-    assert frame_agreement(all_rim, raised, found) is None
+    assert frame_agreement(all_edge, raised, found) is None
 
 
 def test_places_close_to_each_other_are_compared_by_the_same_columns_whose_horizon_the_dem_has(terrain):
@@ -292,24 +294,24 @@ def test_places_close_to_each_other_are_compared_by_the_same_columns_whose_horiz
         float(dem.ground_m(*place)) + 2.0,
         0.7,
         iterations=4,
-        noise=usual_noise(cut, 3.0),
+        noise=initial_noise(cut, 3.0),
         largest_dem_error_m=12.0,
-        settle=True,
+        estimate_noise=True,
     )
-    within = within_the_dem(problems, start)
-    frame = cut.frames.at(start.row, start.col)[0]
-    at_rim, left = (
-        evaluate(each.full, start.parameters(), (start.row, start.col), frame).rim
-        for each in (problems, within)
+    remaining = without_edge_columns(problems, start)
+    frame = cut.geodesics.at(start.row, start.col)[0]
+    on_edge, left = (
+        evaluate(each.full, start.parameters(), (start.row, start.col), frame).dem_edge
+        for each in (problems, remaining)
     )
-    assert 0.02 < at_rim.mean() < 0.5
-    assert len(left) == np.count_nonzero(~at_rim)
+    assert 0.02 < on_edge.mean() < 0.5
+    assert len(left) == np.count_nonzero(~on_edge)
     assert not left.any()
-    assert len(within.full.contours) == len(problems.full.contours)
-    assert within.full.block_columns == problems.full.block_columns
+    assert len(remaining.full.contours) == len(problems.full.contours)
+    assert remaining.full.sector_columns == problems.full.sector_columns
 
 
-def test_what_is_left_of_the_horizon_speaks_for_no_more_than_before(terrain):
+def test_removed_columns_do_not_raise_the_weight_of_the_rest_of_their_sector(terrain):
     """A few columns here and there fit many a place."""
     observation = observe(terrain)
     contours = tuple(frame_contour(f) for f in observation.frames)
@@ -317,14 +319,21 @@ def test_what_is_left_of_the_horizon_speaks_for_no_more_than_before(terrain):
     eye_m = float(terrain.dem.ground_m(*PLACE)) + 2.0
 
     def evidence(problem: Problem) -> float:
-        noise = usual_noise(terrain, 3.0)
+        noise = initial_noise(terrain, 3.0)
         found = refine(
-            problem, *PLACE, eye_m, 0.7, iterations=3, noise=noise, largest_dem_error_m=12.0, settle=False
+            problem,
+            *PLACE,
+            eye_m,
+            0.7,
+            iterations=3,
+            noise=noise,
+            largest_dem_error_m=12.0,
+            estimate_noise=False,
         )
         return found.evidence
 
     whole = Problem(terrain, observation, contours)
-    left = Problem(terrain, observation, few, believes_rim=True, block_columns=whole.block_columns)
+    left = Problem(terrain, observation, few, uses_edge_columns=True, sector_columns=whole.sector_columns)
     assert evidence(left) < 0.1 * evidence(whole)
     assert evidence(Problem(terrain, observation, few)) > 0.5 * evidence(whole), "a thinned contour is whole"
 
@@ -337,8 +346,8 @@ def test_a_skyline_beyond_the_end_of_the_dem_does_not_lose_the_place(terrain):
     located = locate(ends_near, observe(terrain, place))
     assert located.decision.status == "fix"
     assert error_cells(located, place) < 0.1
-    believing = dataclasses.replace(ends_near, rim=np.zeros_like(ends_near.rim))
-    assert locate(believing, observe(terrain, place)).decision.status == "none"
+    without_edge = dataclasses.replace(ends_near, dem_edge=np.zeros_like(ends_near.dem_edge))
+    assert locate(without_edge, observe(terrain, place)).decision.status == "none"
 
 
 def test_no_contour_at_all_finds_nothing(terrain):
@@ -359,20 +368,20 @@ def test_a_prior_keeps_the_search_within_its_circle(terrain):
     assert locate(terrain, dataclasses.replace(observe(terrain), prior=wrong)).decision.status == "none"
 
 
-def test_the_fix_speaks_the_contracts_language(terrain):
+def test_the_fix_follows_the_contract(terrain):
     observation = observe(terrain)
     located = locate(terrain, observation)
     fix = fix_of(terrain, observation, located, "a bundle", located.timing_s)
-    again = Fix.model_validate_json(fix.to_json())
-    assert again.position.crs == "EPSG:32610"
-    assert again.position.row == pytest.approx(PLACE[0], abs=0.1)
-    assert again.nuisance.altitude_bias_m == pytest.approx(3.0, abs=2.0)
-    assert again.stage1.cells == 640_000
-    assert list(again.stage1.after) == list(located.stage1.survivors)[1:]
-    assert set(again.residual) == {f.label for f in observation.frames}
+    reread = Fix.model_validate_json(fix.to_json())
+    assert reread.position.crs == "EPSG:32610"
+    assert reread.position.row == pytest.approx(PLACE[0], abs=0.1)
+    assert reread.nuisance.altitude_bias_m == pytest.approx(3.0, abs=2.0)
+    assert reread.stage1.cells == 640_000
+    assert list(reread.stage1.after) == list(located.stage1.survivors)[1:]
+    assert set(reread.residual) == {f.label for f in observation.frames}
 
 
-def test_refinement_comes_home_from_two_cells_away(terrain):
+def test_refinement_converges_from_two_cells_away(terrain):
     observation = observe(terrain, azimuth_bias_deg=0.0)
     problem = Problem(terrain, observation, tuple(frame_contour(f) for f in observation.frames), stride=8)
     eye = float(terrain.dem.ground_m(*PLACE)) + 2.0
@@ -387,21 +396,21 @@ def test_refinement_comes_home_from_two_cells_away(terrain):
             iterations=25,
             noise=noise,
             largest_dem_error_m=12.0,
-            settle=True,
+            estimate_noise=True,
         )
 
-    descended = fit(PLACE[0] + 1.4, PLACE[1] - 1.4, eye, usual_noise(terrain, 6.0))
+    descended = fit(PLACE[0] + 1.4, PLACE[1] - 1.4, eye, initial_noise(terrain, 6.0))
     assert np.hypot(descended.row - PLACE[0], descended.col - PLACE[1]) < 0.25
-    around = places_around(problem, descended, [usual_noise(terrain, 0.5)], 0.75, 0.25, 2)
-    home = min((fit(*place) for place in around), key=lambda refined: refined.fit_cost)
-    assert np.hypot(home.row - PLACE[0], home.col - PLACE[1]) < 0.05
-    assert home.fit_cost < descended.fit_cost
+    around = grid_optima(problem, descended, [initial_noise(terrain, 0.5)], 0.75, 0.25, 2)
+    converged = min((fit(*place) for place in around), key=lambda refined: refined.neg_log_posterior)
+    assert np.hypot(converged.row - PLACE[0], converged.col - PLACE[1]) < 0.05
+    assert converged.neg_log_posterior < descended.neg_log_posterior
 
 
 def test_the_ellipse_reaches_only_to_places_that_are_plausible(terrain):
     observation = observe(terrain)
     problem = Problem(terrain, observation, tuple(frame_contour(f) for f in observation.frames), 16)
-    noise = usual_noise(terrain, 5.0)
+    noise = initial_noise(terrain, 5.0)
     fit = refine(
         problem,
         *PLACE,
@@ -410,11 +419,11 @@ def test_the_ellipse_reaches_only_to_places_that_are_plausible(terrain):
         iterations=8,
         noise=noise,
         largest_dem_error_m=5.0,
-        settle=False,
+        estimate_noise=False,
     )
 
     def widest_cells(plausible: bool) -> float:
-        flat = spread_around(problem, fit, noise, 2.0, 1.0, 1000.0, lambda *_: plausible)
+        flat = grid_second_moment(problem, fit, noise, 2.0, 1.0, 1000.0, lambda *_: plausible)
         return float(np.sqrt(np.linalg.eigvalsh(flat)[-1])) / terrain.cell_m
 
     # at such a temperature all of the lattice is about as likely
@@ -422,7 +431,7 @@ def test_the_ellipse_reaches_only_to_places_that_are_plausible(terrain):
     assert widest_cells(False) < 0.8 * widest_cells(True)
 
 
-def test_an_altimeter_said_to_be_exact_is_not_taken_at_its_word(edit_bundle):
+def test_an_altitude_sigma_of_zero_is_raised_to_a_positive_one(edit_bundle):
     bundle = load_bundle(edit_bundle(lambda b: b["altitude"].update(sigma_m=0.0)))
     nothing = np.full(16, np.nan)
     blind = Skyline(nothing, nothing, np.zeros(16), np.full(16, ColumnState.NO_SKY, np.uint8))

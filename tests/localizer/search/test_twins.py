@@ -1,4 +1,4 @@
-"""Places with the same surroundings are equally likely, wherever in the DEM they lie and whichever is looked at first."""
+"""Places with the same surroundings are equally probable, regardless of their position and order."""
 
 import dataclasses
 import os
@@ -14,12 +14,12 @@ from localizer.dem.horizon import Terrain, horizon, prepare_terrain
 from localizer.dem.lattice import dem_from_array, load_dem
 from localizer.observation import Observation
 from localizer.search.answer import Located
-from localizer.search.contest import contest
+from localizer.search.coarse_to_fine import Cutoff, RankedCells, likeliest_cells
 from localizer.search.contours import frame_contour, measured_skyline
 from localizer.search.locate import locate
-from localizer.search.rounds import Cut, Ranked, likeliest_cells
+from localizer.search.selection import select_place
 from localizer.search.stage1 import bands, heading_offsets_deg, search_stage1
-from localizer.search.stage2 import Scored
+from localizer.search.stage2 import ScoredCells
 
 SANTA_CRUZ = Path(__file__).parents[3] / "sim" / "terrain" / "santa_cruz_srtm_1s.tif"
 LOCAL = CRS.from_proj4("+proj=tmerc +lat_0=37 +lon_0=-122 +k=1 +x_0=0 +y_0=0 +ellps=WGS84")
@@ -82,7 +82,7 @@ def test_copies_of_a_place_are_equally_likely(crop_m, copies):
     assert sum(located.decision.probabilities) + located.decision.elsewhere == pytest.approx(1.0)
 
 
-def stages(terrain: Terrain, observation: Observation) -> tuple[tuple, Ranked]:
+def stages(terrain: Terrain, observation: Observation) -> tuple[tuple, RankedCells]:
     """The contours and what stage 2 makes of the cells that stage 1 leaves."""
     contours = tuple(frame_contour(frame) for frame in observation.frames)
     skyline = measured_skyline(observation, contours)
@@ -93,7 +93,7 @@ def stages(terrain: Terrain, observation: Observation) -> tuple[tuple, Ranked]:
         observation.mast_height_m,
         observation.altitude_m,
         observation.altitude_sigma_m,
-        terrain.usual_error_m,
+        terrain.nominal_error_m,
     )
     return contours, likeliest_cells(terrain, observation, skyline, left.last, offsets)
 
@@ -103,18 +103,20 @@ def test_the_order_of_the_starts_changes_nothing(crop_m):
     terrain = side_by_side(crop_m, 2)
     observation = observe(terrain, PLACE)
     contours, ranked = stages(terrain, observation)
-    decision, best = contest(terrain, observation, contours, ranked)
+    decision, best = select_place(terrain, observation, contours, ranked)
     for seed in range(2):
         order = np.random.default_rng(seed).permutation(len(ranked.scored.cells))
-        scored = Scored(
+        scored = ScoredCells(
             ranked.scored.cells[order],
             ranked.scored.disparity[order],
             ranked.scored.azimuth_bias_deg[order],
         )
-        again, place = contest(terrain, observation, contours, dataclasses.replace(ranked, scored=scored))
-        assert (again.status, again.elsewhere) == (decision.status, decision.elsewhere)
+        repeated, place = select_place(
+            terrain, observation, contours, dataclasses.replace(ranked, scored=scored)
+        )
+        assert (repeated.status, repeated.elsewhere) == (decision.status, decision.elsewhere)
         assert (place.row, place.col) == (best.row, best.col)
-        np.testing.assert_array_equal(again.probabilities, decision.probabilities)
+        np.testing.assert_array_equal(repeated.probabilities, decision.probabilities)
 
 
 def turned(observation: Observation) -> Observation:
@@ -155,11 +157,11 @@ def test_where_a_place_lies_in_the_dem_changes_neither_it_nor_its_probability(cr
         "mirrored": (height_m[:, ::-1], mirrored(observation), lambda row, col: (row, cols - 1 - col)),
     }
     for name, (changed_m, seen, moved) in changes.items():
-        again = locate(terrain_of(changed_m), seen)
-        assert again.decision.status == located.decision.status, name
+        repeated = locate(terrain_of(changed_m), seen)
+        assert repeated.decision.status == located.decision.status, name
         first = [moved(c.row, c.col) for c in located.decision.candidates]
         for candidate, probability in zip(
-            again.decision.candidates, again.decision.probabilities, strict=True
+            repeated.decision.candidates, repeated.decision.probabilities, strict=True
         ):
             off = [np.hypot(candidate.row - row, candidate.col - col) for row, col in first]
             assert min(off) < 0.1, name
@@ -168,13 +170,15 @@ def test_where_a_place_lies_in_the_dem_changes_neither_it_nor_its_probability(cr
 
 def test_a_limit_close_to_the_place_found_may_have_left_another_one_out():
     cells, disparity = np.array([[10, 10], [10, 11], [50, 50]]), np.array([1.0, 1.2, 1.4])
-    assert Cut(cells, disparity, np.inf, 0.2).missed(10.0, 10.0) == 0.0
-    assert Cut(cells, disparity, 2.0, 0.2).missed(10.0, 10.0) == pytest.approx(2.87e-7, rel=0.01)  # 5 sigma
-    assert Cut(cells, disparity, 1.4, 0.2).missed(50.0, 50.0) == pytest.approx(0.5)
+    assert Cutoff(cells, disparity, np.inf, 0.2).miss_probability(10.0, 10.0) == 0.0
+    assert Cutoff(cells, disparity, 2.0, 0.2).miss_probability(10.0, 10.0) == pytest.approx(
+        2.87e-7, rel=0.01
+    )  # 5 sigma
+    assert Cutoff(cells, disparity, 1.4, 0.2).miss_probability(50.0, 50.0) == pytest.approx(0.5)
 
 
 def test_many_cells_and_a_narrow_skyline_leave_the_true_place_among_the_best(crop_m, monkeypatch):
-    monkeypatch.setattr("localizer.search.rounds.MANY_CELLS", 500)
+    monkeypatch.setattr("localizer.search.coarse_to_fine.MANY_CELLS", 500)
     terrain = side_by_side(crop_m, 1)
     whole = observe(terrain, PLACE, azimuths=(17.0,))
     frame = whole.frames[0]
@@ -188,7 +192,7 @@ def test_many_cells_and_a_narrow_skyline_leave_the_true_place_among_the_best(cro
         ),
     )
     _, ranked = stages(terrain, observation)
-    assert len(ranked.cuts) == 3
+    assert len(ranked.cutoffs) == 3
     assert np.isfinite(ranked.scored.disparity).all()
     off = np.hypot(*(ranked.scored.cells - np.array(PLACE)).T)
     assert off.min() < 1.0

@@ -75,7 +75,7 @@ def test_a_sky_that_is_white_all_over_is_no_border():
     assert np.median(np.abs(skyline.row_px - edge)[used(skyline)]) < 0.7
 
 
-def test_a_ridge_as_pale_as_the_clouds_in_the_glare_makes_the_nearer_one_doubtful(skyfix_data: Path):
+def test_a_ridge_as_pale_as_the_clouds_in_the_glare_makes_the_nearer_one_uncertain(skyfix_data: Path):
     folder = skyfix_data / "rendered" / "bt_backlight"
     terrain = np.array(json.loads((folder / "truth.json").read_text())["images"]["W"]["terrain_row"], float)
     skyline = find_skyline(cv2.imread(str(folder / "bundle" / "frames" / "W.png")))
@@ -85,7 +85,7 @@ def test_a_ridge_as_pale_as_the_clouds_in_the_glare_makes_the_nearer_one_doubtfu
     assert used(skyline).mean() > 0.6
 
 
-def test_a_faint_ridge_behind_the_sharp_one_puts_the_sharp_one_in_doubt():
+def test_a_faint_ridge_behind_the_sharp_one_makes_it_uncertain():
     edge, image = scene()
     far = np.minimum(edge, 190.0 + 30.0 * np.sin(COLUMNS / 170.0 + 2.0) + 4.0 * np.sin(COLUMNS / 13.0))
     behind = below(far) * (1.0 - below(edge))
@@ -96,7 +96,7 @@ def test_a_faint_ridge_behind_the_sharp_one_puts_the_sharp_one_in_doubt():
     assert used(find_skyline(image)).mean() > 0.9, "the ridge alone is not in doubt"
 
 
-def test_a_pale_ridge_under_a_streaky_sky_puts_the_sharp_one_in_doubt():
+def test_a_pale_ridge_under_a_streaky_sky_makes_the_sharp_one_uncertain():
     edge, image = scene()
     far = edge - np.where(COLUMNS < 520, 60.0 * np.sin(np.pi * COLUMNS / 520.0), 0.0)
     streaks = np.clip(smooth_noise(8, (60.0, 3.0)), 0.0, 1.0)[..., None] * (1.0 - below(far - 6.0))

@@ -10,7 +10,7 @@ from PIL import Image
 from localizer.bundle import BundleError, Camera, frame_image, load_bundle, sha256_of
 from localizer.camera import camera_to_world, pixel_rays
 from localizer.picture import decode_picture
-from localizer.skyline.upright import frame_skyline, quarters_of, upright
+from localizer.skyline.upright import frame_skyline, quarter_turns_of, upright
 
 CAMERA = Camera(
     width_px=640,
@@ -46,7 +46,7 @@ def test_a_turned_pixel_looks_where_it_looked(roll_deg, u, v):
 
 def test_upright_pictures_stay_as_they_are():
     assert upright(CAMERA, -44.0) == (0, CAMERA, -44.0)
-    assert [quarters_of(roll) for roll in (0.0, 90.0, 180.0, -180.0, -90.0, 44.0)] == [0, 1, 2, 2, 3, 0]
+    assert [quarter_turns_of(roll) for roll in (0.0, 90.0, 180.0, -180.0, -90.0, 44.0)] == [0, 1, 2, 2, 3, 0]
 
 
 def scene() -> np.ndarray:
@@ -89,13 +89,13 @@ def with_picture(bundle_dir, edit_bundle):
 
 
 @pytest.mark.parametrize("quarters", [0, 1, 2, 3])
-def test_the_skyline_is_found_whichever_way_the_camera_hangs(with_picture, quarters):
+def test_the_skyline_is_found_whichever_way_the_camera_hangs(with_picture, quarter_turns):
     upright_bundle = with_picture(scene())
     expected = frame_skyline(upright_bundle, upright_bundle.frames[0])
     hung = np.ascontiguousarray(
-        np.rot90(scene(), quarters)
+        np.rot90(scene(), quarter_turns)
     )  # a camera turned clockwise sees the world turned back
-    roll_deg = (90.0 * quarters + 180.0) % 360.0 - 180.0
+    roll_deg = (90.0 * quarter_turns + 180.0) % 360.0 - 180.0
     bundle = with_picture(hung, roll_deg=roll_deg, size=(hung.shape[1], hung.shape[0]))
     found = frame_skyline(bundle, bundle.frames[0])
     assert np.allclose(found.row_px, expected.row_px, equal_nan=True)
@@ -225,16 +225,16 @@ def test_a_camera_that_says_nothing_of_it_is_written_without(bundle_dir):
 
 
 @pytest.mark.parametrize("quarters", [0, 1, 2, 3])
-def test_what_is_drawn_is_measured_across_the_horizon(quarters):
+def test_what_is_drawn_is_measured_across_the_horizon(quarter_turns):
     """Five pixels above the predicted skyline, whichever way the frame lies."""
     from localizer.search.details import FrameDetail
     from localizer.show.figures import residuals_px
 
-    turned = upright(CAMERA, 90.0 * quarters)
+    turned = upright(CAMERA, 90.0 * quarter_turns)
     columns = np.arange(20.0)
     found = turned.as_recorded(columns, 100.0 + columns)
     predicted = turned.as_recorded(columns, 105.0 + columns)
-    detail = FrameDetail("N", *found, np.ones(20, bool), *predicted, quarters=quarters)
+    detail = FrameDetail("N", *found, np.ones(20, bool), *predicted, quarter_turns=quarter_turns)
     assert np.allclose(residuals_px(detail), 5.0)
     assert np.allclose(
         detail.turned_px(*found, CAMERA.height_px, CAMERA.width_px), (columns, 100.0 + columns)

@@ -155,7 +155,7 @@ def test_a_program_steps_a_tracker(scene, first_steps):
     assert step.elsewhere == expected.elsewhere
 
 
-def test_a_known_drive_of_200_m_settles_what_neither_look_alone_can(scene, first_steps, west_alone):
+def test_a_known_drive_of_200_m_resolves_what_neither_bundle_alone_can(scene, first_steps, west_alone):
     east = scene.look(0, EAST_SPOT)
     assert west_alone.decision.status == "ambiguous"
     assert locate(scene.terrain, east).decision.status == "ambiguous"
@@ -169,21 +169,21 @@ def test_a_known_drive_of_200_m_settles_what_neither_look_alone_can(scene, first
 
 
 @pytest.mark.long
-def test_an_unknown_drive_settles_nothing(scene):
+def test_an_unknown_drive_resolves_nothing(scene):
     steps = track(scene, (None, scene.look(0, WEST_SPOT)), (None, scene.look(0, EAST_SPOT)))
     assert [step.fix.status for step in steps] == ["ambiguous", "ambiguous"]
     assert [step.mode for step in steps] == ["whole DEM", "whole DEM"]
 
 
 @pytest.mark.long
-def test_odometry_that_fits_no_pair_of_places_settles_nothing(scene):
+def test_odometry_that_fits_no_pair_of_places_resolves_nothing(scene):
     legs = driven(0.0, 200.0), scene.look(0, EAST_SPOT)
     *_, last = track(scene, (None, scene.look(0, WEST_SPOT)), legs)
     assert last.fix.status == "ambiguous"
     assert len(last.fix.candidates) == 2
 
 
-def test_looking_again_from_the_same_spot_settles_nothing(scene, west_alone, monkeypatch):
+def test_a_second_bundle_from_the_same_spot_resolves_nothing(scene, west_alone, monkeypatch):
     # whatever speaks for the one crater, an error of the DEM perhaps, speaks for it each time
     leaning = dataclasses.replace(
         west_alone, decision=dataclasses.replace(west_alone.decision, probabilities=np.array([0.8, 0.2]))
@@ -195,13 +195,13 @@ def test_looking_again_from_the_same_spot_settles_nothing(scene, west_alone, mon
         assert step.fix.probability == pytest.approx(0.8, abs=0.01)
 
 
-def test_the_first_look_is_answered_as_by_the_search_alone(first_steps, west_alone):
+def test_the_first_bundle_gives_the_result_of_the_search_alone(first_steps, west_alone):
     step, best = first_steps[0], west_alone.best
     assert (step.fix.position.row, step.fix.position.col) == (best.row, best.col)
     assert step.mode == "whole DEM"
 
 
-def test_a_settled_track_searches_near_by_only(scene, first_steps):
+def test_a_track_with_one_place_searches_only_around_it(scene, first_steps):
     first = first_steps[2]
     (second,) = track(scene, (driven(200.0), scene.look(2, EAST_SPOT)), tracker=first.tracker)
     assert first.fix.status == "fix"
@@ -222,7 +222,7 @@ def test_where_the_odometry_misleads_the_whole_dem_is_searched_and_the_history_d
 
 
 @pytest.mark.long
-def test_a_blind_look_is_answered_with_no_place_and_the_track_goes_on_after_it(scene):
+def test_a_bundle_without_a_skyline_gives_none_and_the_track_goes_on(scene):
     fog = blinded(scene.look(2, WEST_SPOT))
     first, second, third = track(
         scene,
@@ -242,7 +242,7 @@ def test_a_blind_look_is_answered_with_no_place_and_the_track_goes_on_after_it(s
 
 
 @pytest.mark.long
-def test_a_blind_look_between_two_keeps_several_hypotheses_too(scene):
+def test_a_bundle_without_a_skyline_keeps_several_hypotheses(scene):
     fog = blinded(scene.look(0, WEST_SPOT))
     *_, last = track(
         scene,
@@ -375,7 +375,7 @@ def test_the_command_prints_an_object_for_each_bundle_and_ends_as_the_last(scene
 
 
 @pytest.mark.long
-def test_the_command_ends_with_3_where_the_last_look_leaves_two_places(scene, drive, run, tmp_path):
+def test_the_command_ends_with_3_if_the_last_bundle_leaves_two_places(scene, drive, run, tmp_path):
     picture = tmp_path / "track.png"
     status, out, err = run(*drive, "--dem", scene.dem_path, "--plot", picture)
     assert (status, err) == (3, "")

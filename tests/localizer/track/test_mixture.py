@@ -1,28 +1,28 @@
-"""The algebra of hypotheses: what movements and looks may and may not do to probabilities and covariances."""
+"""The mixture filter: properties of prediction and update."""
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from localizer.track.gaussian_place import displaced, fuse, gaussian_place, log_density, offset_m
 from localizer.track.mixture import (
-    ODOMETRY_FAILS,
+    ODOMETRY_FAILURE_PROBABILITY,
     Hypothesis,
-    Look,
+    MeasuredPlace,
+    Measurement,
     Mixture,
-    Seen,
-    chance_of,
     mixture_of,
+    outlier_probability,
     predict,
     update,
 )
 from localizer.track.odometry import Movement
-from localizer.track.places import fuse, log_density, moved, offset_m, place
 from localizer.track.tracker import stands_out
 
 AREA_M2 = 20_000.0**2
 CELL_M = 30.0
-HOME = place(46.2, -122.2, np.eye(2), np.zeros((2, 2)))
+HOME = gaussian_place(46.2, -122.2, np.eye(2), np.zeros((2, 2)))
 
 metres = st.floats(-8000.0, 8000.0)
 sigmas = st.floats(0.5, 60.0)
@@ -39,9 +39,9 @@ def covariances(draw):
 @st.composite
 def places(draw, within_m=8000.0):
     step = np.array([draw(st.floats(-within_m, within_m)), draw(st.floats(-within_m, within_m))])
-    at = moved(HOME, step, np.zeros((2, 2)))
+    at = displaced(HOME, step, np.zeros((2, 2)))
     covariance = draw(covariances())
-    return place(at.lat_deg, at.lon_deg, covariance, draw(st.floats(0.0, 1.0)) * covariance)
+    return gaussian_place(at.lat_deg, at.lon_deg, covariance, draw(st.floats(0.0, 1.0)) * covariance)
 
 
 def shares(count):
@@ -67,21 +67,22 @@ def looks(draw, most=4):
     return look(at, weights / weights.sum(), evidence=draw(st.floats(15.0, 60.0)))
 
 
-def look(at, probabilities, evidence=40.0) -> Look:
-    return Look(
-        seen=tuple(
-            Seen(n, p, float(q), evidence) for n, (p, q) in enumerate(zip(at, probabilities, strict=True))
+def look(at, probabilities, evidence=40.0) -> Measurement:
+    return Measurement(
+        measured=tuple(
+            MeasuredPlace(n, p, float(q), evidence)
+            for n, (p, q) in enumerate(zip(at, probabilities, strict=True))
         ),
-        chance=chance_of(evidence),
+        outlier_probability=outlier_probability(evidence),
         area_m2=AREA_M2,
-        floor_m=0.25 * CELL_M,
+        model_error_m=0.25 * CELL_M,
         same_m=2.0 * CELL_M,
     )
 
 
 def at_m(east_m: float, north_m: float, sigma_m: float = 5.0):
-    at = moved(HOME, np.array([east_m, north_m]), np.zeros((2, 2)))
-    return place(at.lat_deg, at.lon_deg, sigma_m**2 * np.eye(2), 0.5 * sigma_m**2 * np.eye(2))
+    at = displaced(HOME, np.array([east_m, north_m]), np.zeros((2, 2)))
+    return gaussian_place(at.lat_deg, at.lon_deg, sigma_m**2 * np.eye(2), 0.5 * sigma_m**2 * np.eye(2))
 
 
 def believing(*hypotheses, evidence: float = 40.0) -> Mixture:
@@ -100,7 +101,7 @@ def total(posteriors) -> float:
 @given(places(), metres, metres)
 def test_a_place_moved_lies_where_the_step_leads(start, east_m, north_m):
     step = np.array([east_m, north_m])
-    assert offset_m(start, moved(start, step, np.zeros((2, 2)))) == pytest.approx(step, abs=1e-3)
+    assert offset_m(start, displaced(start, step, np.zeros((2, 2)))) == pytest.approx(step, abs=1e-3)
 
 
 @given(places(40.0), places(40.0))
@@ -117,13 +118,13 @@ def test_it_does_not_matter_which_of_two_views_is_first(one, two):
 
 
 def test_independent_views_share_the_error_and_a_common_one_stays():
-    independent = place(46.2, -122.2, 100.0 * np.eye(2), np.zeros((2, 2)))
-    common = place(46.2, -122.2, 100.0 * np.eye(2), 100.0 * np.eye(2))
+    independent = gaussian_place(46.2, -122.2, 100.0 * np.eye(2), np.zeros((2, 2)))
+    common = gaussian_place(46.2, -122.2, 100.0 * np.eye(2), 100.0 * np.eye(2))
     assert fuse(independent, independent).covariance == pytest.approx(50.0 * np.eye(2), rel=1e-3)
     assert fuse(common, common).covariance == pytest.approx(100.0 * np.eye(2), rel=1e-3)
-    half = place(46.2, -122.2, 100.0 * np.eye(2), 50.0 * np.eye(2))
+    half = gaussian_place(46.2, -122.2, 100.0 * np.eye(2), 50.0 * np.eye(2))
     for _ in range(50):
-        half = fuse(half, place(46.2, -122.2, 100.0 * np.eye(2), 50.0 * np.eye(2)))
+        half = fuse(half, gaussian_place(46.2, -122.2, 100.0 * np.eye(2), 50.0 * np.eye(2)))
     assert half.covariance[0, 0] > 49.0  # any number of looks leaves what they all share
 
 
@@ -141,7 +142,7 @@ def test_a_movement_keeps_the_hypotheses_and_widens_them(mixture, covariance_m2)
     after = predict(mixture, Movement(np.array([200.0, 0.0]), covariance_m2), AREA_M2)
     assert len(after.hypotheses) == len(mixture.hypotheses)
     for was, now in zip(mixture.hypotheses, after.hypotheses, strict=True):
-        assert now.probability == pytest.approx((1.0 - ODOMETRY_FAILS) * was.probability)
+        assert now.probability == pytest.approx((1.0 - ODOMETRY_FAILURE_PROBABILITY) * was.probability)
         assert now.place.covariance == pytest.approx(was.place.covariance + covariance_m2)
 
 
@@ -173,12 +174,12 @@ def test_the_order_of_the_hypotheses_does_not_matter(mixture, seen, random):
 
 
 @given(looks())
-def test_without_a_history_a_look_says_what_it_says(seen):
+def test_without_a_history_the_posterior_is_that_of_the_measurement(seen):
     posteriors = update(Mixture(), seen)
-    assert total(posteriors) == pytest.approx(1.0 - seen.chance, abs=1e-5)
+    assert total(posteriors) == pytest.approx(1.0 - seen.outlier_probability, abs=1e-5)
     for p in posteriors:
         assert p.number is not None
-        alike = [s for s in seen.seen if np.hypot(*offset_m(s.place, p.hypothesis.place)) < 3000.0]
+        alike = [s for s in seen.measured if np.hypot(*offset_m(s.place, p.hypothesis.place)) < 3000.0]
         assert p.hypothesis.probability <= sum(s.probability for s in alike) + 1e-9
 
 
@@ -188,7 +189,7 @@ def test_odometry_that_says_nothing_changes_nothing(mixture, seen):
     assert update(lost, seen) == update(Mixture(), seen)
 
 
-def test_a_look_that_agrees_with_one_of_two_hypotheses_settles_on_it():
+def test_a_measurement_that_agrees_with_one_of_two_hypotheses_selects_it():
     believed = predict(
         believing((at_m(0, 0), 0.5), (at_m(4000, 0), 0.5)),
         Movement(np.array([200.0, 0.0]), 16 * np.eye(2)),
@@ -201,7 +202,7 @@ def test_a_look_that_agrees_with_one_of_two_hypotheses_settles_on_it():
     assert first.hypothesis.place.widest_m < 5.0
 
 
-def test_a_look_that_agrees_with_no_hypothesis_drops_the_history():
+def test_a_measurement_that_agrees_with_no_hypothesis_replaces_the_history():
     believed = predict(
         believing((at_m(0, 0), 0.999)), Movement(np.array([200.0, 0.0]), 16 * np.eye(2)), AREA_M2
     )
@@ -211,7 +212,7 @@ def test_a_look_that_agrees_with_no_hypothesis_drops_the_history():
 
 
 @pytest.mark.parametrize("evidence", [20.0, 30.0, 40.0])
-def test_a_history_is_not_given_up_for_one_weak_look(evidence):
+def test_one_weak_measurement_does_not_replace_the_history(evidence):
     believed = predict(
         believing((at_m(0, 0), 0.999)), Movement(np.array([200.0, 0.0]), 16 * np.eye(2)), AREA_M2
     )
@@ -220,7 +221,7 @@ def test_a_history_is_not_given_up_for_one_weak_look(evidence):
     assert posteriors[0].number is None
 
 
-def test_two_weak_looks_that_the_odometry_joins_become_a_fix_and_either_alone_does_not():
+def test_two_weak_measurements_joined_by_odometry_are_a_fix_and_either_alone_is_not():
     alone = update(Mixture(), look([at_m(0, 0)], [1.0], evidence=17.0))
     assert not stands_out(alone[0].hypothesis, CELL_M)
     believed = predict(mixture_of(alone), Movement(np.array([200.0, 0.0]), 16 * np.eye(2)), AREA_M2)
@@ -232,7 +233,7 @@ def test_two_weak_looks_that_the_odometry_joins_become_a_fix_and_either_alone_do
 
 def test_two_long_ellipses_that_cross_become_one_small_one():
     def long(east_sigma_m, north_sigma_m):
-        return place(46.2, -122.2, np.diag([east_sigma_m**2, north_sigma_m**2]), np.zeros((2, 2)))
+        return gaussian_place(46.2, -122.2, np.diag([east_sigma_m**2, north_sigma_m**2]), np.zeros((2, 2)))
 
     known = update(Mixture(), look([long(300.0, 10.0)], [1.0]))
     assert not stands_out(known[0].hypothesis, CELL_M)
@@ -241,7 +242,7 @@ def test_two_long_ellipses_that_cross_become_one_small_one():
     assert crossed[0].hypothesis.place.widest_m < 11.0
 
 
-def test_an_old_place_that_a_weak_look_does_not_show_is_kept_but_marked_as_not_seen():
+def test_a_hypothesis_that_a_weak_measurement_lacks_is_kept_but_marked_as_not_seen():
     believed = believing((at_m(0, 0), 0.99))
     posteriors = update(believed, look([at_m(5000, 0)], [1.0], evidence=15.0))
     old = [p for p in posteriors if p.number is None]

@@ -16,28 +16,30 @@ def leg(**fields):
 
 
 def test_a_heading_of_90_leads_east_and_its_error_lies_across():
-    moved = leg(**DISTANCE)
-    assert moved.step_m == pytest.approx([200.0, 0.0], abs=0.2)
-    assert np.sqrt(np.diag(moved.covariance_m2)) == pytest.approx([4.0, 200.0 * np.radians(2.0)], rel=0.01)
+    displaced = leg(**DISTANCE)
+    assert displaced.step_m == pytest.approx([200.0, 0.0], abs=0.2)
+    assert np.sqrt(np.diag(displaced.covariance_m2)) == pytest.approx(
+        [4.0, 200.0 * np.radians(2.0)], rel=0.01
+    )
 
 
 @pytest.mark.parametrize("heading_sigma_deg", [3.0, 40.0, 180.0])
 def test_mean_and_covariance_are_those_of_many_drives(heading_sigma_deg):
-    moved = leg(
+    displaced = leg(
         distance_m=300.0, distance_sigma_m=20.0, heading_deg=30.0, heading_sigma_deg=heading_sigma_deg
     )
     rng = np.random.default_rng(1)
     distance_m = rng.normal(300.0, 20.0, 400_000)
     heading = np.radians(rng.normal(30.0, heading_sigma_deg, 400_000))
     ends = np.stack([distance_m * np.sin(heading), distance_m * np.cos(heading)])
-    assert moved.step_m == pytest.approx(ends.mean(axis=1), abs=1.5)
-    assert moved.covariance_m2 == pytest.approx(np.cov(ends), rel=0.02, abs=0.004 * 300.0**2)
+    assert displaced.step_m == pytest.approx(ends.mean(axis=1), abs=1.5)
+    assert displaced.covariance_m2 == pytest.approx(np.cov(ends), rel=0.02, abs=0.004 * 300.0**2)
 
 
 def test_a_vector_has_its_own_covariance():
-    moved = leg(east_m=-20, north_m=7.5, covariance_m2=[[25, 3], [3, 16]])
-    assert moved.step_m == pytest.approx([-20.0, 7.5])
-    assert moved.covariance_m2 == pytest.approx(np.array([[25.0, 3.0], [3.0, 16.0]]))
+    displaced = leg(east_m=-20, north_m=7.5, covariance_m2=[[25, 3], [3, 16]])
+    assert displaced.step_m == pytest.approx([-20.0, 7.5])
+    assert displaced.covariance_m2 == pytest.approx(np.array([[25.0, 3.0], [3.0, 16.0]]))
     assert leg(**VECTOR).covariance_m2 == pytest.approx(25.0 * np.eye(2))
 
 

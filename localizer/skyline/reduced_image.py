@@ -1,4 +1,4 @@
-"""The reduced picture on which the skyline is searched for, and what is measured per pixel of it."""
+"""The reduced image in which the boundary is traced, and its features per pixel."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ WORK_PIXELS = 77_000
 
 
 @dataclass(frozen=True)
-class WorkImage:
+class ReducedImage:
     """A reduced picture of h x w pixels. Boundaries between rows count from 0 (above row 0) to h (below the last).
 
     Attributes:
@@ -23,9 +23,9 @@ class WorkImage:
         bright: (h, w) largest of the colour channels, 0..1.
         blueness: (h, w) blue minus red, -1..1.
         texture: (h, w) log of the mean absolute horizontal curvature of the brightness, grey levels. Horizontal, so that
-            a level edge between two smooth areas counts for nothing.
-        step: (h + 1, w) colour step across each boundary, grey levels, as sharp as the finer picture shows it; negative
-            where it is brighter below.
+            a horizontal edge between two smooth areas does not count as texture.
+        step: (h + 1, w) colour step across each boundary, grey levels, measured at the finer resolution; negative where it is
+            brighter below.
         scale_x, scale_y: full-resolution pixels per pixel.
     """
 
@@ -38,7 +38,7 @@ class WorkImage:
     scale_y: float
 
 
-def reduce_image(image_bgr: NDArray[np.uint8]) -> WorkImage:
+def reduce_image(image_bgr: NDArray[np.uint8]) -> ReducedImage:
     """Average a picture (height, width, 3) down to WORK_PIXELS; texture and steps are measured at twice that resolution."""
     height, width = image_bgr.shape[:2]
     factor = max(1.0, float(np.sqrt(height * width / WORK_PIXELS)))
@@ -54,7 +54,7 @@ def reduce_image(image_bgr: NDArray[np.uint8]) -> WorkImage:
     bgr = np.asarray(cv2.resize(fine, (w, h), interpolation=cv2.INTER_AREA), np.float32) * np.float32(1 / 255)
     lab = np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2LAB), np.float32)
     blue, green, red = cv2.split(bgr)
-    return WorkImage(
+    return ReducedImage(
         lab=lab,
         bright=np.asarray(cv2.max(cv2.max(blue, green), red), np.float32),
         blueness=np.asarray(blue - red, np.float32),
@@ -69,8 +69,8 @@ def reduce_image(image_bgr: NDArray[np.uint8]) -> WorkImage:
 def _steps(fine: NDArray[np.uint8]) -> Floats:
     """Colour step across each boundary between two rows, (rows + 1, cols), grey levels; negative where brighter below.
 
-    A ridge is sharp and lasting: two rows differ from the next two as much as four from four further out do. The edges
-    of clouds, mostly soft, and thin streaks, which do not last, count for less.
+    At a ridge, the difference between adjacent pairs of rows is as large as that between groups of four rows farther apart.
+    Soft edges of clouds, and thin streaks, have smaller ratios and get smaller steps.
     """
     rows, cols = fine.shape[:2]
     pad = 6

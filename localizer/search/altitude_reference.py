@@ -1,4 +1,4 @@
-"""What the DEM's datum and the altimeter's reference leave in doubt of an answer, and how that is said."""
+"""Uncertain vertical references: of the DEM's elevations and of the altimeter, and the notes about them."""
 
 import math
 from collections.abc import Callable
@@ -13,47 +13,47 @@ from localizer.dem.lattice import Dem
 from localizer.fix import Fix, Reason
 from localizer.observation import Observation
 
-if TYPE_CHECKING:  # slow to import, and who only prints needs none of it
+if TYPE_CHECKING:  # slow to import; printing a result does not need it
     from localizer.dem.horizon import Terrain
     from localizer.search.answer import Located
 
 ALTITUDE_BIAS_SIGMAS = 4.0
-"""An altimeter so far off is not scattered but referred to something else."""
+"""An altitude bias beyond this many sigmas indicates a wrong reference rather than noise."""
 
 
-def altitude_as_trusted(observation: Observation, dem: Dem) -> Observation:
-    """The altitude as far as it can be compared with the DEM's elevations, where these count from the ellipsoid."""
-    more_m = dem.heights.altitude_sigma_m
-    if observation.altitude_m is None or not more_m:
+def with_datum_uncertainty(observation: Observation, dem: Dem) -> Observation:
+    """The observation with the uncertainty of the DEM's vertical datum added to the altitude's sigma."""
+    datum_sigma_m = dem.heights.altitude_sigma_m
+    if observation.altitude_m is None or not datum_sigma_m:
         return observation
-    return replace(observation, altitude_sigma_m=float(np.hypot(observation.altitude_sigma_m, more_m)))
+    return replace(observation, altitude_sigma_m=float(np.hypot(observation.altitude_sigma_m, datum_sigma_m)))
 
 
-def without_altimeter(
+def diagnose_altimeter(
     terrain: "Terrain",
     observation: Observation,
     fix: Fix,
     search: "Callable[[Observation], Located]",
     within_s: float = math.inf,
 ) -> Fix:
-    """What the frames say once the altitude is left out, where they fit no place with it. The answer stays ``none``.
+    """If the result is ``none``: repeat the search without the altitude, and say in the reason what that shows.
 
-    Where the search took longer than ``within_s``, it is not made anew.
+    The status stays ``none``. A search that took longer than ``within_s`` is not repeated.
     """
     if sum(fix.timing_s.values()) > within_s:
         return fix
-    seeing = any(len(frame.u_px) > 1 for frame in observation.frames)
-    if fix.status != "none" or observation.altitude_m is None or not seeing:
+    has_skyline = any(len(frame.u_px) > 1 for frame in observation.frames)
+    if fix.status != "none" or observation.altitude_m is None or not has_skyline:
         return fix
-    blind = search(replace(observation, altitude_m=None, altitude_sigma_m=np.inf))
-    best = blind.best
-    if best is None or blind.decision.status == "none":
-        from localizer.search.reasons import fits_nowhere  # beside the search, which is slow to import
+    without = search(replace(observation, altitude_m=None, altitude_sigma_m=np.inf))
+    best = without.best
+    if best is None or without.decision.status == "none":
+        from localizer.search.reasons import no_match  # beside the search, which is slow to import
 
-        return fix if fix.reason is not None else fix.model_copy(update={"reason": fits_nowhere(360.0)})
+        return fix if fix.reason is not None else fix.model_copy(update={"reason": no_match(360.0)})
     off_m = observation.altitude_m - best.altitude_m
     lon_deg, lat_deg = (float(angle) for angle in rowcol_to_lonlat(terrain.dem, best.row, best.col))
-    several = "" if blind.decision.status == "fix" else ", among others,"
+    several = "" if without.decision.status == "fix" else ", among others,"
     text = (
         f"without the altimeter the terrain fits{several} at {lat_deg:.5f}, {lon_deg:.5f} with the altitude off by "
         f"{off_m:+.0f} m ({abs(off_m) / observation.altitude_sigma_m:.1f} sigma); check the altimeter's setting and what the "
@@ -63,14 +63,14 @@ def without_altimeter(
 
 
 def reason_note(fix: Fix) -> str | None:
-    """Why there is no place, or none on WGS84; None of several places, which the answer itself shows."""
+    """The reason of a ``none`` or of an unknown datum; None otherwise, since the result itself shows several places."""
     if fix.reason is None or not (fix.status == "none" or fix.reason.code == "unknown_datum"):
         return None
     return fix.reason.text
 
 
 def altitude_note(fix: Fix, bundle: Bundle, dem: Dem) -> str | None:
-    """A bias of the altimeter beyond what its sigma allows; None where there is none."""
+    """A note on an altitude bias beyond ALTITUDE_BIAS_SIGMAS; None if there is none."""
     if fix.nuisance is None or bundle.altitude is None or fix.status == "none":
         return None
     bias_m = fix.nuisance.altitude_bias_m

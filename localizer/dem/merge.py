@@ -1,4 +1,4 @@
-"""Elevation files of one lattice put together as they are."""
+"""Merging of elevation files on one lattice, without resampling."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -12,13 +12,13 @@ from localizer.dem.crs import degrees_per_unit
 from localizer.dem.file import MAX_CELLS, DemError, Tile
 
 ALIGNED_CELLS = 0.05
-"""Two files share a lattice if their cells lie that close together, in cells."""
+"""Two files share a lattice if their cell positions agree within this, in cells."""
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Whole:
+class MergedLattice:
     """One lattice, voids and gaps NaN."""
 
     z_m: NDArray[np.float32]
@@ -27,8 +27,8 @@ class Whole:
     notes: tuple[str, ...] = ()
 
 
-def misfit(first: Tile, tile: Tile) -> str | None:
-    """Why two tiles share no lattice, and how they can be made to; None where they do."""
+def lattice_mismatch(first: Tile, tile: Tile) -> str | None:
+    """Why two tiles are not on one lattice; None if they are."""
     if not tile.crs.equals(first.crs, ignore_axis_order=True):
         return f"their CRS differ ({first.crs.name}, {tile.crs.name})"
     rows, cols = tile.z_m.shape
@@ -42,8 +42,8 @@ def misfit(first: Tile, tile: Tile) -> str | None:
     return None
 
 
-def mosaic(tiles: Sequence[Tile]) -> Whole:
-    """Tiles of one lattice, on that of the first."""
+def merge_tiles(tiles: Sequence[Tile]) -> MergedLattice:
+    """Merge tiles of one lattice; where they overlap, the first counts."""
     first = tiles[0]
     origins = np.array([_origin_on(first, tile) for tile in tiles])  # (n, 2) row, col
     ends = origins + np.array([tile.z_m.shape for tile in tiles])
@@ -54,7 +54,9 @@ def mosaic(tiles: Sequence[Tile]) -> Whole:
     for tile, (row, col) in zip(tiles, origins - top_left, strict=True):
         part = z_m[row : row + tile.z_m.shape[0], col : col + tile.z_m.shape[1]]
         np.copyto(part, tile.z_m, where=np.isnan(part))
-    return Whole(z_m, first.transform @ Affine.translation(int(top_left[1]), int(top_left[0])), first.crs)
+    return MergedLattice(
+        z_m, first.transform @ Affine.translation(int(top_left[1]), int(top_left[0])), first.crs
+    )
 
 
 def check_cells(rows: int, cols: int, first: Tile) -> None:
@@ -62,8 +64,8 @@ def check_cells(rows: int, cols: int, first: Tile) -> None:
         raise DemError(f"{first.file.path} and the other files: {rows} x {cols} cells together are too many")
 
 
-def on_the_same_turn(first: Tile, tile: Tile) -> Tile:
-    """Files on both sides of the date line adjoin: longitudes by whole turns as near to the first file's as can be."""
+def shifted_by_period(first: Tile, tile: Tile) -> Tile:
+    """The tile, its longitudes shifted by whole periods towards the first tile's: tiles adjoin across the date line."""
     if not tile.crs.is_geographic or not first.crs.is_geographic:
         return tile
     middles = [t.transform.c + 0.5 * t.transform.a * t.z_m.shape[1] for t in (first, tile)]
@@ -73,20 +75,22 @@ def on_the_same_turn(first: Tile, tile: Tile) -> Tile:
 
 
 def check_connected(tiles: Sequence[Tile]) -> None:
-    """Every tile must be reachable from the first over tiles that overlap or adjoin."""
+    """Raise ``DemError`` unless all tiles are connected by overlap or adjacency."""
     first = tiles[0].transform
-    slack = np.array([first.a, -first.e]) / 4  # on both sides: half a cell is no gap
+    slack = (
+        np.array([first.a, -first.e]) / 4
+    )  # a quarter cell on both sides: gaps up to half a cell are tolerated
     low = np.array([t.transform @ (0, t.z_m.shape[0]) for t in tiles]) - slack  # (n, 2) west, south
     high = np.array([t.transform @ (t.z_m.shape[1], 0) for t in tiles]) + slack
-    apart = unreached(low, high)
+    apart = first_unconnected(low, high)
     if apart is not None:
         raise DemError(
             f"{tiles[apart].file.path}: no overlap with {tiles[0].file.path}; the files of one DEM must overlap or adjoin"
         )
 
 
-def unreached(low: Floats, high: Floats) -> int | None:
-    """Of boxes (n, 2), the first that no chain of boxes which touch leads to from the first; None where there is none."""
+def first_unconnected(low: Floats, high: Floats) -> int | None:
+    """Index of the first of n boxes (n, 2) that is not connected to box 0 by touching boxes; None if all are."""
     reached = np.zeros(len(low), bool)
     reached[0] = True
     for _ in low:

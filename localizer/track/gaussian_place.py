@@ -1,9 +1,9 @@
-"""Uncertain places: a Gaussian in metres to true east and north about a point on WGS84.
+"""Gaussian places, in metres to true east and north about a point on WGS84, and their fusion by split covariance intersection.
 
-Looks from neighbouring places share errors: the same DEM, the same lens, the same refraction. Fused as if they did not, ten
-looks would claim a third of the error of one. So each covariance has a *common* part, of unknown correlation with the common
-part of any other, and the rest, which is independent; they are fused by split covariance intersection (Julier and Uhlmann,
-"General decentralized data fusion with covariance intersection", 2001), which holds whatever that correlation is.
+Measurements from neighbouring places share errors of the DEM, the lens and refraction. Fused as independent ones, ten of them
+would claim a third of the error of one. Each covariance therefore has a *common* part, whose correlation with that of other
+places is unknown, and an independent rest. Split covariance intersection (Julier and Uhlmann, "General decentralized data
+fusion with covariance intersection", 2001) is consistent for any such correlation.
 """
 
 from typing import Annotated, Self
@@ -19,14 +19,14 @@ Floats = NDArray[np.float64]
 Matrix = tuple[tuple[float, float], tuple[float, float]]
 
 GEOD = Geod(ellps="WGS84")
-LEAST_SHARE = 1e-3
-"""Of the weight of either partner of a fusion; beyond it one of them says it all."""
-LEVEL = 1e-6
-"""Areas whose logarithms differ by less are equal."""
+LEAST_WEIGHT = 1e-3
+"""Least weight of either place in a fusion."""
+LOG_AREA_TOLERANCE = 1e-6
+"""Areas whose logarithms differ by less count as equal."""
 
 
-class Place(BaseModel):
-    """Where the vehicle may be. Covariances are of (east, north), true, in metres squared."""
+class GaussianPlace(BaseModel):
+    """A place with its covariance, of true (east, north), square metres."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -34,7 +34,7 @@ class Place(BaseModel):
     lon_deg: Annotated[float, AfterValidator(wrapped_lon_deg)]
     covariance_enu_m2: Matrix
     common_enu_m2: Matrix = ((0.0, 0.0), (0.0, 0.0))
-    """The part of ``covariance_enu_m2`` that other looks share."""
+    """The part of ``covariance_enu_m2`` that other measurements may have in common."""
 
     @model_validator(mode="after")
     def _covariances(self) -> Self:
@@ -52,7 +52,7 @@ class Place(BaseModel):
 
     @property
     def common(self) -> Floats:
-        """(2, 2), square metres: what of it another look from near by would share."""
+        """(2, 2), square metres: the common part."""
         return np.array(self.common_enu_m2)
 
     @property
@@ -61,9 +61,9 @@ class Place(BaseModel):
         return float(np.sqrt(np.linalg.eigvalsh(self.covariance)[-1]))
 
 
-def place(lat_deg: float, lon_deg: float, covariance: Floats, common: Floats) -> Place:
-    """A place of arrays (2, 2)."""
-    return Place(
+def gaussian_place(lat_deg: float, lon_deg: float, covariance: Floats, common: Floats) -> GaussianPlace:
+    """A place from arrays (2, 2)."""
+    return GaussianPlace(
         lat_deg=lat_deg, lon_deg=lon_deg, covariance_enu_m2=matrix(covariance), common_enu_m2=matrix(common)
     )
 
@@ -74,30 +74,30 @@ def matrix(values: Floats) -> Matrix:
     return (float(values[0, 0]), off), (off, float(values[1, 1]))
 
 
-def offset_m(start: Place, end: Place) -> Floats:
+def offset_m(start: GaussianPlace, end: GaussianPlace) -> Floats:
     """(2,): metres to true east and north from one place's centre to another's."""
     azimuth_deg, _, distance_m = GEOD.inv(start.lon_deg, start.lat_deg, end.lon_deg, end.lat_deg)
     azimuth = np.radians(azimuth_deg)
     return np.asarray(distance_m * np.array([np.sin(azimuth), np.cos(azimuth)]), np.float64)
 
 
-def moved(start: Place, step_m: Floats, covariance: Floats) -> Place:
+def displaced(start: GaussianPlace, step_m: Floats, covariance: Floats) -> GaussianPlace:
     """The place after a step (2,) east and north that is known to ``covariance`` (2, 2)."""
     lat_deg, lon_deg = _point(start, step_m)
-    return place(lat_deg, lon_deg, start.covariance + covariance, start.common)
+    return gaussian_place(lat_deg, lon_deg, start.covariance + covariance, start.common)
 
 
-def log_density(start: Place, end: Place, floor_m: float) -> float:
-    """Logarithm of the density, per square metre, of both being one place; ``floor_m`` is what neither sigma covers."""
-    spread = start.covariance + end.covariance + floor_m**2 * np.eye(2)
+def log_density(start: GaussianPlace, end: GaussianPlace, model_error_m: float) -> float:
+    """Log density, per square metre, of both being one place; ``model_error_m``: an additional standard deviation."""
+    spread = start.covariance + end.covariance + model_error_m**2 * np.eye(2)
     off = offset_m(start, end)
     return float(
         -0.5 * off @ np.linalg.solve(spread, off) - 0.5 * np.linalg.slogdet(spread)[1] - np.log(2.0 * np.pi)
     )
 
 
-def fuse(first: Place, second: Place) -> Place:
-    """Both are the same place: where it is then. Covers no larger area than either."""
+def fuse(first: GaussianPlace, second: GaussianPlace) -> GaussianPlace:
+    """The fusion of two estimates of one place. Its ellipse is no larger than that of either."""
     from scipy.optimize import minimize_scalar  # slow to import, and large in memory
 
     own = [p.covariance - p.common for p in (first, second)]
@@ -114,24 +114,24 @@ def fuse(first: Place, second: Place) -> Place:
     def area(share: float) -> float:
         return float(np.linalg.slogdet(fused(share)[1])[1])
 
-    # where all is common every share may cover the same area: then both count alike
+    # if everything is common, all weights can give the same area: prefer equal weights
     share = float(
         minimize_scalar(
-            lambda share: area(share) + LEVEL * (share - 0.5) ** 2,
-            bounds=(LEAST_SHARE, 1.0 - LEAST_SHARE),
+            lambda share: area(share) + LOG_AREA_TOLERANCE * (share - 0.5) ** 2,
+            bounds=(LEAST_WEIGHT, 1.0 - LEAST_WEIGHT),
             method="bounded",
         ).x
     )
     for alone in sorted((first, second), key=lambda p: float(np.linalg.det(p.covariance))):
-        if np.linalg.slogdet(alone.covariance)[1] < area(share) - LEVEL:
+        if np.linalg.slogdet(alone.covariance)[1] < area(share) - LOG_AREA_TOLERANCE:
             return alone
     gain, whole, shared = fused(share)
     lat_deg, lon_deg = _point(first, gain @ offset_m(first, second))
-    return place(lat_deg, lon_deg, whole, shared)
+    return gaussian_place(lat_deg, lon_deg, whole, shared)
 
 
-def merged(places: list[Place], weights: list[float]) -> Place:
-    """One Gaussian with the mean and the covariance of several."""
+def merged(places: list[GaussianPlace], weights: list[float]) -> GaussianPlace:
+    """One Gaussian with the mean and the covariance of a mixture."""
     share = np.array(weights) / np.sum(weights)
     offsets = np.array([offset_m(places[0], p) for p in places])
     mean = share @ offsets
@@ -139,10 +139,10 @@ def merged(places: list[Place], weights: list[float]) -> Place:
     covariance = np.einsum("k,kij->ij", share, [p.covariance for p in places])
     common = np.einsum("k,kij->ij", share, [p.common for p in places])
     lat_deg, lon_deg = _point(places[0], mean)
-    return place(lat_deg, lon_deg, covariance + (spread.T * share) @ spread, common)
+    return gaussian_place(lat_deg, lon_deg, covariance + (spread.T * share) @ spread, common)
 
 
-def _point(start: Place, step_m: Floats) -> tuple[float, float]:
+def _point(start: GaussianPlace, step_m: Floats) -> tuple[float, float]:
     """Latitude and longitude a step (2,) to the east and north of a place's centre."""
     azimuth_deg = float(np.degrees(np.arctan2(step_m[0], step_m[1])))
     lon_deg, lat_deg, _ = GEOD.fwd(start.lon_deg, start.lat_deg, azimuth_deg, float(np.hypot(*step_m)))
