@@ -34,7 +34,7 @@ html_math_renderer = "mathml"
 html_show_copyright = False
 html_show_sphinx = False
 html_copy_source = False
-html_theme_options = {"footer_icons": []}
+html_theme_options: dict[str, object] = {"footer_icons": []}
 
 
 def _navigation_of_what_exists(app: Sphinx, page: str, source: list[str]) -> None:

@@ -24,14 +24,21 @@ class Position(_Part):
     """A place: in a metric CRS, on WGS84, and in the DEM's own grid (cell centres at whole numbers)."""
 
     easting_m: float
+    """Easting in ``crs``."""
     northing_m: float
+    """Northing in ``crs``."""
     crs: str
+    """The metric CRS: the DEM's own where that is projected, else the UTM zone of the DEM's centre."""
     lat_deg: float
+    """Latitude, WGS84."""
     lon_deg: Annotated[float, AfterValidator(wrapped_lon_deg)]
-    """-180 <= lon < 180."""
+    """Longitude, WGS84, -180 <= lon < 180."""
     ground_m: float
+    """Elevation of the ground there, above the DEM's vertical datum."""
     row: float
+    """Row in the DEM's grid; row 0 is the northernmost, cell centres are at whole numbers."""
     col: float
+    """Column in the DEM's grid; cell centres are at whole numbers."""
 
     @property
     def easting_northing_m(self) -> tuple[float, float]:
@@ -40,12 +47,16 @@ class Position(_Part):
 
 
 class Candidate(_Part):
-    """One of the places that the images fit. ``rms_px``: of all frames together, the biases solved for."""
+    """One of the places that the images fit."""
 
     easting_m: float
+    """Easting in the position's CRS."""
     northing_m: float
+    """Northing in the position's CRS."""
     probability: Probability
+    """That the camera stood there."""
     rms_px: Annotated[float, Field(ge=0.0)]
+    """Root mean square of found minus predicted skyline, over all frames, the biases solved for."""
 
 
 class Stage1Counts(_Part):
@@ -54,6 +65,7 @@ class Stage1Counts(_Part):
     cells: int
     """Cells of the DEM that have an elevation."""
     after_altitude: int
+    """Cells left by the altitude."""
     after: dict[str, int]
     """Cells left after each direction, by the frame's label, in the order searched."""
     points_explored: int
@@ -64,8 +76,11 @@ class Nuisance(_Part):
     """The errors common to all frames, solved for with the position: reading minus truth."""
 
     azimuth_bias_deg: float
+    """Of the azimuths of all frames."""
     tilt_bias_deg: float
+    """Of the tilts of all frames."""
     altitude_bias_m: float
+    """Of the altitude; 0 without an altimeter."""
 
 
 ReasonCode = Literal[
@@ -83,29 +98,41 @@ class Reason(_Part):
     """Why a result is no fix: ``text`` is one sentence for people, with what would help."""
 
     code: ReasonCode
+    """For programs."""
     text: Annotated[str, Field(min_length=1)]
+    """For people."""
 
 
 class Fix(_Part):
     """The result of a search. ``position`` and ``covariance_m2`` are null where ``status`` is "none"."""
 
     schema_name: Literal["skyfix.fix/1"] = Field(default="skyfix.fix/1", alias="schema")
+    """What the document is, and its version."""
     bundle: str
+    """Id of the bundle that was located."""
     status: Status
+    """One place stands out ("fix"), several do or one is not certain enough ("ambiguous"), or the images fit no place
+    in the DEM ("none")."""
     position: Position | None
+    """The likeliest place; null where status is "none"."""
     covariance_m2: tuple[tuple[float, float], tuple[float, float]] | None
-    """Of easting and northing: along the map's axes, in metres of the ground."""
+    """Covariance of easting and northing, in metres on the ground; null where status is "none"."""
     probability: Probability
+    """Of the position."""
     elsewhere: Probability = 0.0
-    """Of all places that are not among ``candidates``, those that were not compared included."""
+    """Probability of all places that are not among ``candidates``, those that were not compared included."""
     reason: Reason | None = None
-    """None for a fix."""
+    """Why the result is no fix; null for a fix."""
     candidates: tuple[Candidate, ...]
+    """All places that the images fit, the likeliest first; the first is the position."""
     stage1: Stage1Counts
+    """How many cells each test of stage 1 left."""
     residual: dict[str, float]
     """Root mean square of found minus predicted skyline, pixels, by the frame's label."""
     nuisance: Nuisance | None
+    """The sensors' errors at the position; null where status is "none"."""
     timing_s: dict[str, float]
+    """Seconds that each part of the search took."""
 
     @model_validator(mode="after")
     def _fix_has_a_place(self) -> Self:

@@ -5,6 +5,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from html.parser import HTMLParser
+from itertools import pairwise
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
@@ -83,7 +84,9 @@ def markdown_problems(root: Path, files: Sequence[Path]) -> Iterator[str]:
             path = (file.parent / unquote(target.path)).resolve() if target.path else file
             if not path.exists() or not path.is_relative_to(root.resolve()):
                 yield f"{file.relative_to(root)}: {link} leads to no file of the repository"
-            elif target.fragment and path.suffix == ".md" and target.fragment not in headings(path.read_text()):
+            elif (
+                target.fragment and path.suffix == ".md" and target.fragment not in headings(path.read_text())
+            ):
                 yield f"{file.relative_to(root)}: {link} leads to no heading"
 
 
@@ -99,7 +102,7 @@ def headings(text: str) -> set[str]:
     """The anchors of a page's headings, as GitHub and MyST name them."""
     found: dict[str, int] = {}
     tokens = MarkdownIt("gfm-like", {"linkify": False}).parse(text)
-    for opening, inline in zip(tokens, tokens[1:], strict=False):
+    for opening, inline in pairwise(tokens):
         if opening.type == "heading_open":
             words = "".join(child.content for child in inline.children or [])
             slug = re.sub(r"[^\w\- ]", "", words.strip().lower()).replace(" ", "-")
