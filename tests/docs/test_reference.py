@@ -209,6 +209,7 @@ def test_bundles_of_others_are_valid() -> None:
 
 
 @pytest.mark.long
+@pytest.mark.timeout(900)
 def test_the_demo_s_bundle_and_fix_are_valid(tmp_path: Path) -> None:
     subprocess.run(["sim", "demo", "--seed", "1", "--out", str(tmp_path)], check=True, capture_output=True)
     (bundle,) = tmp_path.rglob("bundle.json")
