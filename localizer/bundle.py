@@ -144,9 +144,9 @@ class Camera(_Part):
     """Row of the principal point."""
     distortion: tuple[Distortion, Distortion, Distortion, Distortion, Distortion] = (0.0, 0.0, 0.0, 0.0, 0.0)
     """OpenCV's k1, k2, p1, p2, k3."""
-    model: Annotated[
-        str, AfterValidator(_perspective), Field(json_schema_extra={"const": PERSPECTIVE})
-    ] = PERSPECTIVE
+    model: Annotated[str, AfterValidator(_perspective), Field(json_schema_extra={"const": PERSPECTIVE})] = (
+        PERSPECTIVE
+    )
     """Camera model; no other is supported yet."""
     focal_sigma_fraction: Annotated[
         float, AfterValidator(_known_focal_length), Field(json_schema_extra={"const": 0.0})
