@@ -26,6 +26,7 @@ autodoc_preserve_defaults = True
 python_maximum_signature_line_length = 88
 napoleon_google_docstring = True
 napoleon_numpy_docstring = True
+napoleon_use_ivar = True  # a section "Attributes" and a field's own docstring do not describe it twice
 
 # Nothing is loaded from elsewhere when a page is read: the theme brings what it needs, formulas are MathML.
 html_theme = "furo"

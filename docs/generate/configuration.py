@@ -6,7 +6,7 @@ from typing import Any, get_args, get_origin
 
 from pydantic import BaseModel
 
-from generate.fields import docstrings, field_rows
+from generate.fields import description, docstrings, field_rows
 from generate.markdown import GENERATED, code, escaped, from_docstring, table
 from rig.config.sections import AllSections
 
@@ -46,7 +46,7 @@ def _models_of(annotation: Any) -> list[type[BaseModel]]:
 def _section(name: str, model: type[BaseModel]) -> str:
     kinds = get_args(model.model_fields["kind"].annotation) if "kind" in model.model_fields else ()
     title = name + (f", kind {', '.join(kinds)}" if kinds else "")
-    text = _NAMED.sub("", model.__doc__ or "")
+    text = _NAMED.sub("", description(model))
     text = from_docstring(text[:1].upper() + text[1:])
     header = ["key", "type", "unit", "range", "default", "meaning"]
     return f"## {escaped(title)}\n\n{text}\n\n{table(header, key_rows(model))}"

@@ -3,6 +3,7 @@
 import ast
 import inspect
 import json
+import re
 import textwrap
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -64,12 +65,30 @@ def unit_of(name: str) -> str:
 
 
 def docstrings(model: type[BaseModel]) -> dict[str, str]:
-    """What stands below each field in the source of a model and of what it derives from, by the field's name."""
+    """What is said of each field, by its name: below it in the source, else in the class's section "Attributes" (numpydoc).
+
+    Of what the model derives from, too.
+    """
     found: dict[str, str] = {}
     for base in reversed(model.__mro__):
         if issubclass(base, BaseModel) and base is not BaseModel:
-            found |= _class_docstrings(base)
+            found |= _attributes(base.__doc__ or "") | _class_docstrings(base)
     return found
+
+
+def description(model: type[BaseModel]) -> str:
+    """A class's docstring before its first section, without the breaks of its lines."""
+    return " ".join(_SECTION.split(inspect.cleandoc(model.__doc__ or ""))[0].split())
+
+
+_SECTION = re.compile(r"^(\w[\w ]*)\n-{3,}\n", re.MULTILINE)
+
+
+def _attributes(docstring: str) -> dict[str, str]:
+    _, *sections = _SECTION.split(inspect.cleandoc(docstring))
+    texts = dict(zip(sections[::2], sections[1::2], strict=True)).get("Attributes", "")
+    entries = re.findall(r"^(\S.*?)(?: : .*)?\n((?:[ ]+.*\n?|\n)+)", texts + "\n", re.MULTILINE)
+    return {name.strip(): " ".join(text.split()) for names, text in entries for name in names.split(",")}
 
 
 def _class_docstrings(model: type[BaseModel]) -> dict[str, str]:

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, TypeAdapter
 
-from generate.fields import docstrings, models_in
+from generate.fields import description, docstrings, models_in
 from localizer.bundle import Bundle
 from localizer.fix import Fix
 from localizer.track.document import TrackLine
@@ -116,12 +116,13 @@ def _describe(schema: dict[str, Any], outermost: tuple[type[BaseModel], ...], wr
     for model in dict.fromkeys(each for top in outermost for each in models_in(top)):
         part = parts.get(model.__name__, schema)
         part.pop("title", None)
+        part["description"] = description(model).replace("``", "`")
         texts = docstrings(model)
         for name, field in model.model_fields.items():
             described = part["properties"][field.alias or name]
             described.pop("title", None)
             if name in texts:
-                described["description"] = texts[name].replace("``", "")
+                described["description"] = texts[name].replace("``", "`")
         names_itself = {"schema", "kind"} if model in outermost else set()
         needed = {*part["properties"]} if written else {*part.get("required", ()), *names_itself}
         part["required"] = [name for name in part["properties"] if name in needed]

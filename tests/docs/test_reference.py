@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 from generate.commands import PROGRAMS, commands_of, commands_page, help_text
 from generate.configuration import key_rows, sections_of
-from generate.fields import docstrings, kind_of, limits_of, unit_of
+from generate.fields import description, docstrings, kind_of, limits_of, unit_of
 from generate.reference import DOCS, generated_files
 from generate.schemas import DOCUMENTS, Document, objects_of
 from pydantic import BaseModel
@@ -252,6 +252,34 @@ def test_docstrings_of_a_base_are_its_heirs() -> None:
         name: str
 
     assert docstrings(Heir) == {"size_m": "How large.", "mass_kg": "How heavy."}
+
+
+def test_what_is_said_in_a_section_counts_where_nothing_is_said_below_the_field() -> None:
+    class Place(BaseModel):
+        """A place,
+        somewhere.
+
+        Attributes
+        ----------
+        row, col : float
+            In the DEM's cells,
+            centres at whole numbers.
+        crs : str
+            Of the place.
+
+        Examples
+        --------
+        >>> Place
+        """
+
+        row: float
+        col: float
+        crs: str
+        """Of the grid."""
+
+    cells = "In the DEM's cells, centres at whole numbers."
+    assert docstrings(Place) == {"row": cells, "col": cells, "crs": "Of the grid."}
+    assert description(Place) == "A place, somewhere."
 
 
 def test_a_document_s_file_bears_its_name_and_version() -> None:
