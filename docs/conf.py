@@ -19,7 +19,13 @@ myst_heading_anchors = 4
 myst_enable_extensions = ["dollarmath"]
 highlight_language = "none"
 
-autodoc_default_options = {"members": True, "imported-members": True, "member-order": "groupwise"}
+autodoc_default_options = {
+    "members": True,
+    "imported-members": True,
+    "member-order": "groupwise",
+    "exclude-members": "model_config, model_post_init",  # pydantic's own
+}
+default_role = "py:obj"
 autodoc_typehints = "signature"
 autodoc_typehints_format = "short"
 autodoc_preserve_defaults = True
