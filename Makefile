@@ -10,7 +10,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: demo test test-all test-system examples notebook evaluate lint format clean
+.PHONY: demo test test-all test-system examples notebook evaluate docs reference figures lint format clean
 
 demo: $(READY)
 	$(BIN)/sim demo --seed $(SEED) --out demo
@@ -51,6 +51,18 @@ evaluate-bound-%: $(READY)
 evaluate-image-%: $(READY)
 	$(EVALUATE) --scenario configs/scenarios/evaluate/$*.toml --cases $(PICTURE_CASES) --level image --out evaluation/image/$*
 
+# The site, in build/docs. Warnings are errors, links that lead nowhere among them, and nothing may be loaded from elsewhere.
+docs: $(READY)
+	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going docs build/docs
+	PYTHONPATH=docs $(BIN)/python -m generate.links build/docs
+
+# What is committed of the documentation but comes from the code: pages and JSON Schema files, figures.
+reference: $(READY)
+	PYTHONPATH=docs $(BIN)/python -m generate.reference
+
+figures: $(READY)
+	PYTHONPATH=docs $(BIN)/python -m generate.figures
+
 lint: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
@@ -68,4 +80,4 @@ $(READY): pyproject.toml constraints.txt
 	touch $@
 
 clean:
-	rm -rf $(VENV) demo .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) build demo .pytest_cache .mypy_cache .ruff_cache

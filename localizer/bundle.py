@@ -82,14 +82,18 @@ def _inside(file: str) -> str:
     return file
 
 
-BundleId: TypeAlias = Annotated[str, AfterValidator(_bundle_id)]
+BundleId: TypeAlias = Annotated[
+    str, AfterValidator(_bundle_id), Field(json_schema_extra={"pattern": f"^{ID_PATTERN}$"})
+]
 Label: TypeAlias = Annotated[
     str, Field(min_length=1, max_length=64), AfterValidator(_printable), AfterValidator(_no_step)
 ]
 InsidePath: TypeAlias = Annotated[
     str, Field(max_length=1024), AfterValidator(_printable), AfterValidator(_inside)
 ]
-UtcTime: TypeAlias = Annotated[datetime, AfterValidator(_utc)]
+UtcTime: TypeAlias = Annotated[
+    datetime, AfterValidator(_utc), Field(json_schema_extra={"pattern": "(Z|[+]00:00)$"})
+]
 PixelCount: TypeAlias = Annotated[int, Field(gt=0, le=32768)]
 NARROWEST_VIEW_DEG, WIDEST_VIEW_DEG = 0.2, 170.0
 """Range of the field of view for which a pinhole model with distortion is meaningful."""
@@ -127,21 +131,6 @@ def _known_focal_length(sigma_fraction: float) -> float:
 class Camera(_Part):
     """A camera's intrinsics as OpenCV has them.
 
-    Attributes
-    ----------
-    width_px, height_px : int
-        Size of its pictures.
-    fx_px, fy_px : float
-        Focal lengths.
-    cx_px, cy_px : float
-        Principal point, pixel centres at whole numbers.
-    distortion : tuple of 5 float
-        k1, k2, p1, p2, k3.
-    model : str
-        ``perspective``, the only one supported.
-    focal_sigma_fraction : float
-        0: the focal lengths are known.
-
     Examples
     --------
     >>> localizer.Camera(width_px=640, height_px=480, fx_px=492.8, fy_px=492.8, cx_px=319.5, cy_px=239.5).distortion
@@ -149,14 +138,27 @@ class Camera(_Part):
     """
 
     width_px: PixelCount
+    """Width of the pictures."""
     height_px: PixelCount
+    """Height of the pictures."""
     fx_px: FocalLength
+    """Focal length, in widths of a pixel."""
     fy_px: FocalLength
+    """Focal length, in heights of a pixel."""
     cx_px: float
+    """Column of the principal point."""
     cy_px: float
+    """Row of the principal point."""
     distortion: tuple[Distortion, Distortion, Distortion, Distortion, Distortion] = (0.0, 0.0, 0.0, 0.0, 0.0)
-    model: Annotated[str, AfterValidator(_perspective)] = PERSPECTIVE
-    focal_sigma_fraction: Annotated[float, AfterValidator(_known_focal_length)] = 0.0
+    """OpenCV's k1, k2, p1, p2, k3."""
+    model: Annotated[str, AfterValidator(_perspective), Field(json_schema_extra={"const": PERSPECTIVE})] = (
+        PERSPECTIVE
+    )
+    """Camera model; no other is supported yet."""
+    focal_sigma_fraction: Annotated[
+        float, AfterValidator(_known_focal_length), Field(json_schema_extra={"const": 0.0})
+    ] = 0.0
+    """One standard deviation of both focal lengths together, relative to them; no other value is supported yet."""
 
     @model_validator(mode="after")
     def _is_a_camera(self) -> Self:
@@ -181,92 +183,52 @@ class Camera(_Part):
 
 
 class Altitude(_Part):
-    """Altitude of the optical centre above the DEM's vertical datum.
-
-    Attributes
-    ----------
-    value_m : float
-        As the altimeter gave it.
-    sigma_m : float
-        One standard deviation.
-    """
+    """Altitude of the optical centre above the DEM's vertical datum."""
 
     value_m: Elevation
+    """The altitude."""
     sigma_m: Annotated[float, Field(ge=0.0, le=1e4)]
+    """One standard deviation of it."""
 
 
 class Frame(_Part):
-    """One picture and where the camera pointed. The sigmas are independent from frame to frame.
-
-    Attributes
-    ----------
-    label : str
-        Names the frame, as ``N``.
-    file : str
-        Path of the picture relative to the bundle's directory.
-    sha256 : str
-        Checksum of the picture's file.
-    time : datetime
-        UTC.
-    azimuth_deg, azimuth_sigma_deg : float
-        True azimuth of the optical axis.
-    tilt_deg, tilt_sigma_deg : float
-        Angle of the optical axis above the horizontal.
-    roll_deg, roll_sigma_deg : float
-        Positive when the camera is turned clockwise, seen from behind it.
-    """
+    """One picture and where the camera pointed. The sigmas are independent from frame to frame."""
 
     label: Label
+    """Name of the frame, unlike that of every other one: a direction such as N, or an azimuth."""
     file: InsidePath
+    """Path of the picture relative to the bundle's directory."""
     sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+    """SHA-256 of the picture's file, hexadecimal."""
     time: UtcTime
+    """When the picture was taken, UTC."""
     azimuth_deg: Azimuth
+    """Of the optical axis, clockwise from true north."""
     azimuth_sigma_deg: AngleSigma
+    """One standard deviation of the azimuth's error that no other frame shares."""
     tilt_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
+    """Angle of the optical axis above the horizontal; up is positive."""
     tilt_sigma_deg: AngleSigma
+    """One standard deviation of the tilt's error that no other frame shares."""
     roll_deg: Annotated[float, Field(ge=-180.0, le=180.0)]
+    """Turn of the camera about its optical axis; clockwise, seen from behind it, is positive."""
     roll_sigma_deg: AngleSigma
+    """One standard deviation of the roll's error that no other frame shares."""
 
 
 class Prior(_Part):
-    """A circle within which the camera is known to be; absent in the ordinary case.
-
-    Attributes
-    ----------
-    lat_deg, lon_deg : float
-        Its centre, WGS84.
-    radius_m : float
-        On the ground.
-    """
+    """A circle within which the camera is known to be; absent in the ordinary case."""
 
     lat_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
+    """Latitude of the circle's centre, WGS84."""
     lon_deg: Annotated[float, Field(ge=-360.0, le=360.0)]
+    """Longitude of the circle's centre, WGS84."""
     radius_m: Annotated[float, Field(gt=0.0)]
+    """Only cells within this distance of the centre are searched."""
 
 
 class Bundle(_Part):
     """One measurement: the pictures that a rig took at one place, with calibrated readings (``skyfix.bundle/1``).
-
-    Attributes
-    ----------
-    id : str
-        Its name, and that of its directory.
-    created : datetime
-        UTC.
-    camera : Camera
-        Intrinsics of all frames.
-    mast_height_m : float
-        Height of the optical centre above the ground.
-    altitude : Altitude or None
-        None without an altimeter.
-    azimuth_bias_sigma_deg : float
-        One standard deviation of the azimuth error common to all frames; 180 without a compass.
-    tilt_bias_sigma_deg : float
-        The same of the tilt.
-    frames : tuple of Frame
-        In any directions.
-    prior : Prior or None
-        Where the camera is known to be.
 
     See Also
     --------
@@ -274,15 +236,25 @@ class Bundle(_Part):
     """
 
     schema_name: Literal["skyfix.bundle/1"] = Field(default="skyfix.bundle/1", alias="schema")
+    """What the document is, and its version."""
     id: BundleId
+    """The bundle's name, and that of its folder."""
     created: UtcTime
+    """When the capture was complete, UTC."""
     camera: Camera
+    """The camera that took all pictures of the bundle."""
     mast_height_m: Annotated[float, Field(ge=0.0, le=1000.0)]
+    """Height of the optical centre above the ground."""
     altitude: Altitude | None
+    """What the altimeter measured; null: there was none."""
     azimuth_bias_sigma_deg: AngleSigma
+    """One standard deviation of the azimuth's error that all frames share; 180: there was no compass."""
     tilt_bias_sigma_deg: AngleSigma
+    """One standard deviation of the tilt's error that all frames share."""
     frames: Annotated[tuple[Frame, ...], Field(min_length=1, max_length=MOST_FRAMES)]
+    """The pictures."""
     prior: Prior | None = None
+    """A circle that the place is known to lie in; absent in the ordinary case."""
 
     _directory: Path | None = PrivateAttr(default=None)
 

@@ -21,30 +21,24 @@ class _Part(BaseModel):
 
 
 class Position(_Part):
-    """A place in a metric CRS, on WGS84, and in the DEM's own grid.
-
-    Attributes
-    ----------
-    easting_m, northing_m : float
-        In ``crs``.
-    crs : str
-        The DEM's own CRS if it is projected in metres, else the WGS84 UTM zone of its centre, as ``EPSG:32610``.
-    lat_deg, lon_deg : float
-        WGS84, -180 <= lon_deg < 180.
-    ground_m : float
-        Elevation of the ground above the DEM's vertical datum.
-    row, col : float
-        In the DEM's cells, centres at whole numbers.
-    """
+    """A place in a metric CRS, on WGS84, and in the DEM's own grid."""
 
     easting_m: float
+    """Easting in ``crs``."""
     northing_m: float
+    """Northing in ``crs``."""
     crs: str
+    """The metric CRS: the DEM's own where that is projected, else the UTM zone of the DEM's centre."""
     lat_deg: float
+    """Latitude, WGS84."""
     lon_deg: Annotated[float, AfterValidator(wrapped_lon_deg)]
+    """Longitude, WGS84, -180 <= lon < 180."""
     ground_m: float
+    """Elevation of the ground there, above the DEM's vertical datum."""
     row: float
+    """Row in the DEM's grid; row 0 is the northernmost, cell centres are at whole numbers."""
     col: float
+    """Column in the DEM's grid; cell centres are at whole numbers."""
 
     @property
     def easting_northing_m(self) -> tuple[float, float]:
@@ -53,59 +47,40 @@ class Position(_Part):
 
 
 class Candidate(_Part):
-    """One of the places that the pictures fit.
-
-    Attributes
-    ----------
-    easting_m, northing_m : float
-        In the CRS of the fix.
-    probability : float
-        That it is the place.
-    rms_px : float
-        Root mean square of found minus predicted skyline over all frames, the biases solved for.
-    """
+    """One of the places that the pictures fit."""
 
     easting_m: float
+    """Easting in the position's CRS."""
     northing_m: float
+    """Northing in the position's CRS."""
     probability: Probability
+    """That the camera stood there."""
     rms_px: Annotated[float, Field(ge=0.0)]
+    """Root mean square of found minus predicted skyline, over all frames, the biases solved for."""
 
 
 class Stage1Counts(_Part):
-    """How many cells stage 1 of the search left, as in Table I of Talluri and Aggarwal (1992).
-
-    Attributes
-    ----------
-    cells : int
-        Cells of the DEM that have an elevation.
-    after_altitude : int
-        Cells left after the altitude.
-    after : dict of str to int
-        Cells left after each direction, by the frame's label, in the order searched.
-    points_explored : int
-        POINTs (the paper's term) visited in all directions together.
-    """
+    """How many cells stage 1 of the search left, as in Table I of Talluri and Aggarwal (1992)."""
 
     cells: int
+    """Cells of the DEM that have an elevation."""
     after_altitude: int
+    """Cells left by the altitude."""
     after: dict[str, int]
+    """Cells left after each direction, by the frame's label, in the order searched."""
     points_explored: int
+    """POINTs (the paper's term) visited in all directions together."""
 
 
 class Nuisance(_Part):
-    """The errors common to all frames, solved for with the position: reading minus truth.
-
-    Attributes
-    ----------
-    azimuth_bias_deg, tilt_bias_deg : float
-        Of the camera's angles.
-    altitude_bias_m : float
-        Of the altimeter; 0 without one.
-    """
+    """The errors common to all frames, solved for with the position: reading minus truth."""
 
     azimuth_bias_deg: float
+    """Of the azimuths of all frames."""
     tilt_bias_deg: float
+    """Of the tilts of all frames."""
     altitude_bias_m: float
+    """Of the altitude; 0 without an altimeter."""
 
 
 ReasonCode = Literal[
@@ -120,51 +95,16 @@ ReasonCode = Literal[
 
 
 class Reason(_Part):
-    """Why a result is no fix.
-
-    Attributes
-    ----------
-    code : str
-        ``several_places``, ``too_little_skyline``, ``contradicted``, ``dem_error``, ``outside``, ``unknown_datum`` or
-        ``no_ground_at_altitude``.
-    text : str
-        One sentence for people, with what would help.
-    """
+    """Why a result is no fix."""
 
     code: ReasonCode
+    """For programs."""
     text: Annotated[str, Field(min_length=1)]
+    """For people."""
 
 
 class Fix(_Part):
     """The result of a search, ``skyfix.fix/1``.
-
-    Attributes
-    ----------
-    bundle : str
-        The bundle's id.
-    status : str
-        ``"fix"``: one place stands out. ``"ambiguous"``: several do; all are in ``candidates``. ``"none"``: the terrain
-        explains the pictures nowhere.
-    position : Position or None
-        The most probable place; None where there is none.
-    covariance_m2 : tuple, 2 x 2, or None
-        Of easting and northing, along the map's axes, square metres on the ground.
-    probability : float
-        Of the position.
-    elsewhere : float
-        Probability of all places that are not among ``candidates``, those that were not compared included.
-    reason : Reason or None
-        Why it is no fix; None for one.
-    candidates : tuple of Candidate
-        The places that could be it, the most probable first.
-    stage1 : Stage1Counts
-        How many cells stage 1 left.
-    residual : dict of str to float
-        Root mean square of found minus predicted skyline in pixels, by the frame's label.
-    nuisance : Nuisance or None
-        Errors common to all frames; None without a position.
-    timing_s : dict of str to float
-        Seconds taken by the parts of the search.
 
     Examples
     --------
@@ -178,18 +118,32 @@ class Fix(_Part):
     """
 
     schema_name: Literal["skyfix.fix/1"] = Field(default="skyfix.fix/1", alias="schema")
+    """What the document is, and its version."""
     bundle: str
+    """Id of the bundle that was located."""
     status: Status
+    """One place stands out ("fix"), several do or one is not certain enough ("ambiguous"), or the images fit no place
+    in the DEM ("none")."""
     position: Position | None
+    """The likeliest place; null where status is "none"."""
     covariance_m2: tuple[tuple[float, float], tuple[float, float]] | None
+    """Covariance of easting and northing, in metres on the ground; null where status is "none"."""
     probability: Probability
+    """Of the position."""
     elsewhere: Probability = 0.0
+    """Probability of all places that are not among ``candidates``, those that were not compared included."""
     reason: Reason | None = None
+    """Why the result is no fix; null for a fix."""
     candidates: tuple[Candidate, ...]
+    """All places that the images fit, the likeliest first; the first is the position."""
     stage1: Stage1Counts
+    """How many cells each test of stage 1 left."""
     residual: dict[str, float]
+    """Root mean square of found minus predicted skyline of each frame, pixels, by its label."""
     nuisance: Nuisance | None
+    """The sensors' errors at the position; null where status is "none"."""
     timing_s: dict[str, float]
+    """Seconds that each part of the search took."""
 
     @model_validator(mode="after")
     def _fix_has_a_place(self) -> Self:

@@ -19,33 +19,26 @@ class _Part(BaseModel):
 
 
 class TrackHypothesis(_Part):
-    """A place where the vehicle may be.
-
-    Attributes
-    ----------
-    easting_m, northing_m : float
-        In the CRS of the fix.
-    lat_deg, lon_deg : float
-        WGS84, -180 <= lon_deg < 180.
-    row, col : float
-        In the DEM's cells, centres at whole numbers.
-    covariance_m2 : tuple, 2 x 2
-        Of easting and northing, square metres on the ground.
-    probability : float
-        That the vehicle is there.
-    seen : bool
-        Whether the pictures of the last bundle fit it.
-    """
+    """A place where the vehicle may be."""
 
     easting_m: float
+    """Easting in the fix's CRS."""
     northing_m: float
+    """Northing in the fix's CRS."""
     lat_deg: float
+    """Latitude, WGS84."""
     lon_deg: Annotated[float, AfterValidator(wrapped_lon_deg)]
+    """Longitude, WGS84, -180 <= lon < 180."""
     row: float
+    """Row in the DEM's grid."""
     col: float
+    """Column in the DEM's grid."""
     covariance_m2: Matrix
+    """Covariance of easting and northing, in metres on the ground."""
     probability: Probability
+    """That the vehicle is there."""
     seen: bool
+    """Whether this bundle's images fit the place."""
 
 
 class TrackLine(_Part):
@@ -55,12 +48,20 @@ class TrackLine(_Part):
     """
 
     schema_name: Literal["skyfix.track/1"] = Field(default="skyfix.track/1", alias="schema")
+    """What the document is, and its version."""
     bundle: str
+    """Id of the bundle."""
     mode: Mode
+    """Where it was searched for: near the places that were known ("bootstrap"), in the whole DEM, or first the one and then
+    the other."""
     fix: Fix
+    """What is known of the place after this bundle."""
     hypotheses: tuple[TrackHypothesis, ...]
+    """All places that are still possible, the likeliest first."""
     elsewhere: Probability
+    """Probability of none of the hypotheses."""
     left_out: str | None = None
+    """Label of the frame that contradicts the others and was left out; null where none was."""
 
     def to_json(self) -> str:
         """One JSON object on one line."""

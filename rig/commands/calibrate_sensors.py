@@ -49,7 +49,9 @@ def inclinometer(
 @click.option(
     "--out", "path", metavar="FILE", type=click.Path(path_type=Path), required=True, help="CSV to add to."
 )
-@click.option("--minutes", type=FiniteRange(0.0), default=60.0, show_default=True)
+@click.option(
+    "--minutes", type=FiniteRange(0.0), default=60.0, show_default=True, help="How long to log, minutes."
+)
 @json_option
 def temperature_log_(config_file: Path | None, path: Path, minutes: float, as_json: bool) -> None:
     """Log the inclinometer of a stationary head while the temperature changes.

@@ -46,13 +46,19 @@ class _Document(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     schema_name: Literal["skyfix.calibration/1"] = Field(default="skyfix.calibration/1", alias="schema")
+    """What the document is, and its version."""
     id: Annotated[str, Field(min_length=1, max_length=128)]
+    """The calibration's name, and that of its file without the suffix."""
     created: AwareDatetime
+    """When it was made."""
     rig: str
+    """Name of the rig, ``[rig] name`` of its configuration."""
     device: str
+    """What was calibrated, as the device says it."""
     based_on: dict[str, str] = {}
     """Ids, by kind, of the calibrations in force when it was made."""
     fit: dict[str, float | int | str | bool | list[float] | None] = {}
+    """How well the fit went, and with what; the names depend on the kind."""
 
     def values(self) -> Values:
         """The configuration keys that it replaces."""
@@ -67,13 +73,21 @@ class CameraCalibration(_Document):
     """Lens and sensor: intrinsics in px, distortion k1, k2, p1, p2, k3."""
 
     kind: Literal["camera"] = "camera"
+    """What is calibrated."""
     width_px: int
+    """Width of the pictures that it holds for."""
     height_px: int
+    """Height of the pictures that it holds for."""
     fx_px: Positive
+    """Focal length, in widths of a pixel."""
     fy_px: Positive
+    """Focal length, in heights of a pixel."""
     cx_px: float
+    """Column of the principal point."""
     cy_px: float
+    """Row of the principal point."""
     distortion: tuple[float, float, float, float, float]
+    """OpenCV's k1, k2, p1, p2, k3."""
     sigma: dict[str, float] = {}
     """One standard deviation of each parameter, in its unit."""
 
@@ -89,16 +103,25 @@ class InclinometerCalibration(_Document):
     """Errors and mounting of the accelerometer (``rig.attitude.accelerometer``)."""
 
     kind: Literal["inclinometer"] = "inclinometer"
+    """What is calibrated."""
     chip: str
+    """The chip that it holds for."""
     axes: tuple[str, str, str]
+    """The chip axes that point to the head's right, forward and up, for which it holds."""
     zero_mg: Triple
+    """Zero error in head axes (right, forward, up), thousandths of g, at ``zero_temperature_c``."""
     scale: Triple
+    """What the chip measures of 1 g, on each axis."""
     mounting_deg: Triple
+    """Rotation vector that turns what the chip measures into the head's axes."""
     drift_mg_c: Triple
+    """Change of the zero error with each degree Celsius."""
     zero_temperature_c: float
+    """Temperature of the chip at which ``zero_mg`` holds."""
     tilt_bias_sigma_deg: Positive
+    """One standard deviation of the tilt's error that all frames share."""
     roll_sigma_deg: Positive | None = None
-    """Sigma of a roll: reading and residual zero error together. None keeps the configured value."""
+    """One standard deviation of a roll, with what is left of the zero error; null leaves it as configured."""
 
     def values(self) -> Values:
         keys = [
@@ -119,13 +142,21 @@ class CompassCalibration(_Document):
     """
 
     kind: Literal["compass"] = "compass"
+    """What is calibrated."""
     compass: str
+    """Kind of the compass that it holds for."""
     axes: tuple[str, str, str]
+    """The chip axes that point to the right, forward and up at pan 0, for which it holds."""
     hard_iron_ut: Triple
+    """Constant field of the pan stage (right, forward, up)."""
     soft_iron: Matrix
+    """What the pan stage's iron makes of the field around it."""
     vehicle_hard_iron_ut: Triple
+    """Constant field of the vehicle (right, forward, up)."""
     vehicle_soft_iron: Matrix
+    """What the vehicle's iron makes of the Earth's field."""
     azimuth_bias_sigma_deg: Positive
+    """One standard deviation of the azimuth's error that all frames share."""
 
     def values(self) -> Values:
         keys = (
@@ -142,13 +173,21 @@ class AltimeterCalibration(_Document):
     """The air pressure at a known altitude, and how fast the altitude's sigma grows."""
 
     kind: Literal["altimeter"] = "altimeter"
+    """What is calibrated."""
     altimeter: str
+    """Kind of the altimeter that it holds for."""
     reference_pressure_hpa: Positive
+    """Pressure that was read at the known altitude."""
     reference_altitude_m: float
+    """The known altitude, above the DEM's vertical datum."""
     reference_temperature_c: float | None
+    """Air temperature there; null: the standard atmosphere's."""
     reference_time: AwareDatetime
+    """When the pressure was read."""
     sigma_m: Positive
+    """One standard deviation of an altitude at that time."""
     drift_m_h: Annotated[float, Field(ge=0.0)]
+    """By how much that grows each hour, as the weather changes."""
 
     def values(self) -> Values:
         keys = (
@@ -168,11 +207,17 @@ class BoresightCalibration(_Document):
     """
 
     kind: Literal["boresight"] = "boresight"
+    """What is calibrated."""
     azimuth_deg: Annotated[float, Field(ge=-45.0, le=45.0)]
+    """How the camera sits in the head: to the right."""
     tilt_deg: Annotated[float, Field(ge=-45.0, le=45.0)]
+    """How the camera sits in the head: up."""
     roll_deg: Annotated[float, Field(ge=-180.0, le=180.0)]
+    """How the camera sits in the head: clockwise, seen from behind it."""
     heading_offset_deg: Annotated[float, Field(ge=-180.0, le=180.0)] | None
+    """Added to headings; null on a rig without a compass."""
     covariance_deg2: Matrix
+    """Covariance of azimuth (camera and heading together), tilt and roll, square degrees."""
 
     def values(self) -> Values:
         sigmas = [self.covariance_deg2[i][i] ** 0.5 for i in range(3)]

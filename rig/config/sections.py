@@ -60,9 +60,13 @@ class RigSection(Section):
     """``[rig]``: the installation as a whole."""
 
     name: Annotated[str, Field(min_length=1)]
+    """Name of the rig, for logs and bundles."""
     mast_height_m: Annotated[float, Field(gt=0.0, le=100.0)]
+    """Height of the camera's optical centre above the ground that the wheels stand on."""
     bundle_dir: Path = Field(default=Path("bundles"), strict=False)
+    """Folder that captures go into; ``--out`` overrides it."""
     telemetry_dir: OptionalPath = None
+    """Folder that every ``rig capture`` leaves an MCAP file in, for Foxglove; ``--telemetry`` overrides it."""
 
     def resolved_against(self, folder: Path) -> "RigSection":
         """The section with relative paths resolved against ``folder``."""
@@ -73,22 +77,31 @@ class RigSection(Section):
 
 
 class Place(Section):
-    """``[place]``: roughly where the rig works; nothing but the magnetic declination is derived from it."""
+    """``[place]``: roughly where the rig works; the magnetic declination is derived from it."""
 
     lat_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
+    """Latitude, WGS84."""
     lon_deg: Annotated[float, Field(ge=-360.0, le=360.0), AfterValidator(wrapped_lon_deg)]
+    """Longitude, WGS84."""
     altitude_m: Annotated[float, Field(ge=-500.0, le=9000.0)] = 0.0
+    """Altitude. Where it is given, a barometric altitude 3500 m away from it is refused."""
 
 
 class Servo(Section):
-    """``[pan_tilt.pan]`` and ``[pan_tilt.tilt]``: angle_deg = (tick - zero_tick) * 360/4096 * direction."""
+    """``[pan_tilt.pan]`` and ``[pan_tilt.tilt]``: the joint's angle is (tick - zero_tick) * 360/4096 * direction, degrees."""
 
     id: Annotated[int, Field(ge=0, le=252)]
+    """Id of the servo on the bus."""
     model: Literal["XM430-W350", "XL430-W250"]
+    """Model of the servo; another one under this id is refused."""
     zero_tick: Annotated[int, Field(ge=0, le=4095)]
+    """Position at which the camera looks forward along the vehicle (pan), or at right angles to the pan axis (tilt)."""
     direction: Literal[1, -1]
+    """1: ticks grow clockwise seen from above (pan), or as the camera looks up (tilt); -1: the other way."""
     min_deg: Annotated[float, Field(ge=-180.0, le=180.0)]
+    """Least angle that the joint is driven to."""
     max_deg: Annotated[float, Field(ge=-180.0, le=180.0)]
+    """Largest angle that the joint is driven to."""
 
     def angle_deg(self, tick: int) -> float:
         """The joint angle at a position."""
@@ -111,9 +124,13 @@ class KeepOut(Section):
     """``[[pan_tilt.keep_out]]``: the head is never moved to or through angles inside both ranges."""
 
     pan_min_deg: Annotated[float, Field(ge=-180.0, le=180.0)] = -180.0
+    """Least pan angle of the zone."""
     pan_max_deg: Annotated[float, Field(ge=-180.0, le=180.0)] = 180.0
+    """Largest pan angle of the zone."""
     tilt_min_deg: Annotated[float, Field(ge=-180.0, le=180.0)] = -180.0
+    """Least tilt angle of the zone."""
     tilt_max_deg: Annotated[float, Field(ge=-180.0, le=180.0)] = 180.0
+    """Largest tilt angle of the zone."""
 
     @model_validator(mode="after")
     def _is_a_part_of_the_range(self) -> Self:
@@ -126,15 +143,25 @@ class PanTiltSection(Section):
     """``[pan_tilt]``: two Dynamixel X servos on one bus."""
 
     port: Port
+    """Serial port of the bus. A name below ``/dev/serial/by-id`` stays the same when devices are plugged in anew."""
     baud: Literal[9600, 57600, 115200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000] = 1_000_000
+    """Baud rate as it is set in the servos; they come with 57600 from the factory."""
     velocity_deg_s: Positive = 90.0
+    """Speed of the moves."""
     acceleration_deg_s2: Positive = 240.0
+    """Acceleration of the moves; lower it if the mast swings."""
     bus_watchdog_ms: Annotated[int, Field(ge=0, le=127 * 20)] = 1000
+    """The servos stop by themselves when nothing talks to them for this long; 0: never."""
     settle_timeout_s: Positive = 8.0
+    """A move that is not at rest after this time is an error."""
     park_pan_deg: Finite = 0.0
+    """Pan angle at which ``rig move --park`` leaves the head."""
     park_tilt_deg: Finite = 0.0
+    """Tilt angle at which ``rig move --park`` leaves the head."""
     azimuth_sigma_deg: Positive = 0.1
+    """One standard deviation of the pan angle in each frame: encoder (0.09) and backlash."""
     take_up_deg: Annotated[float, Field(ge=0.0, le=10.0)] = 0.0
+    """Every pan angle is approached from below, starting this far off, which takes up the gears' backlash."""
     pan: Servo
     tilt: Servo
     keep_out: Annotated[tuple[KeepOut, ...], Field(strict=False)] = ()
@@ -154,18 +181,32 @@ class InclinometerSection(Section):
     """``[inclinometer]``: an accelerometer chip in the head."""
 
     chip: Literal["adxl355", "iis2iclx"]
+    """The accelerometer chip."""
     bus: Bus
+    """I2C bus: a device (``/dev/i2c-1``), a link to one, the adapter's name (``i2cdetect -l``), or an I2C bridge
+    (``tcp://HOST:PORT/BUS``)."""
     address: I2cAddress
+    """I2C address: 0x1D or 0x53 (adxl355), 0x6A or 0x6B (iis2iclx)."""
     axes: Annotated[Axes, Field(strict=False)]
+    """Which chip axis points to the head's right, forward and up; of iis2iclx the last is its z."""
     average_s: Annotated[float, Field(ge=0.2, le=60.0)] = 1.0
+    """Length of one reading."""
     tilt_sigma_deg: Positive = 0.01
+    """One standard deviation of a tilt that averaging does not remove (wind, engine)."""
     roll_sigma_deg: Positive = 0.02
+    """The same of a roll."""
     tilt_bias_sigma_deg: Positive = 0.02
+    """One standard deviation of the tilt's error that all frames share; 2.0 for a chip whose zero was never measured."""
     zero_mg: Triple = (0.0, 0.0, 0.0)
+    """Zero error in head axes (right, forward, up) at ``zero_temperature_c``, thousandths of g."""
     scale: Annotated[tuple[Positive, Positive, Positive], Field(strict=False)] = (1.0, 1.0, 1.0)
+    """What the chip measures of 1 g, on each axis."""
     mounting_deg: Triple = (0.0, 0.0, 0.0)
+    """Rotation vector that turns what the chip measures into the head's axes."""
     drift_mg_c: Triple = (0.0, 0.0, 0.0)
+    """Change of the zero error with each degree Celsius."""
     zero_temperature_c: Finite = 20.0
+    """Temperature of the chip at which ``zero_mg`` holds."""
 
     @field_validator("axes")
     @classmethod
@@ -189,56 +230,92 @@ class Mmc5983maSection(Section):
     """``[compass]`` with ``kind = "mmc5983ma"``: a magnetometer chip on the pan stage."""
 
     kind: Literal["mmc5983ma"]
+    """The magnetometer chip."""
     bus: Bus
+    """I2C bus, as in ``[inclinometer]``."""
     address: I2cAddress
+    """I2C address."""
     axes: Annotated[Axes, Field(strict=False)]
+    """Which chip axis points to the right, forward and up at pan 0."""
     declination_deg: Annotated[float, Field(ge=-180.0, le=180.0)] | None = None
+    """Magnetic to true north, east positive; where absent, the World Magnetic Model's at ``[place]``."""
     azimuth_bias_sigma_deg: Positive = 1.0
+    """One standard deviation of the heading's error that all frames share: 1 at best on a vehicle, 3 beside much iron."""
     heading_offset_deg: HeadingOffset = 0.0
+    """Added to headings; ``rig calibrate boresight`` finds it."""
     hard_iron_ut: Triple = (0.0, 0.0, 0.0)
+    """Constant field of the pan stage (right, forward, up), which is subtracted. Turning the head measures the first two;
+    the third counts on a slope."""
     soft_iron: Matrix = IDENTITY
+    """What the pan stage's iron makes of the field around it: measured = soft_iron @ field + hard_iron_ut."""
     vehicle_hard_iron_ut: Triple = (0.0, 0.0, 0.0)
+    """Constant field of the vehicle (right, forward, up)."""
     vehicle_soft_iron: Matrix = IDENTITY
+    """What the vehicle's iron makes of the Earth's field."""
 
 
 class NmeaCompassSection(Section):
     """``[compass]`` with ``kind = "nmea"``: a serial talker; HDG, HDM, HDT, THS, PTNTHPR, OHPR or OceanServer's $C."""
 
     kind: Literal["nmea"]
+    """A compass that talks NMEA 0183."""
     port: Port
+    """Serial port. An altimeter that talks, too, may have the same."""
     baud: Baud = 4800
+    """Baud rate."""
     require_checksum: bool = True
+    """Whether a sentence without a checksum is refused."""
     sentence: Annotated[str, Field(min_length=2)] | None = None
+    """The one sentence that is read, as HCHDG, or HDG of any talker; all that give a heading where absent."""
     declination_deg: Annotated[float, Field(ge=-180.0, le=180.0)] | None = None
+    """Magnetic to true north, east positive. Not needed where the compass gives true headings (HDT, THS) or a variation,
+    nor with ``[place]``."""
     azimuth_bias_sigma_deg: Positive = 1.0
+    """One standard deviation of the heading's error that all frames share."""
     heading_offset_deg: HeadingOffset = 0.0
+    """Added to headings; ``rig calibrate boresight`` finds it."""
 
 
 class _AltimeterSection(Section):
     reference_pressure_hpa: Annotated[float, Field(ge=300.0, le=1100.0)]
+    """Pressure that was read at ``reference_altitude_m``; or the QNH, with an altitude of 0."""
     reference_altitude_m: Annotated[float, Field(ge=-500.0, le=9000.0)]
+    """Altitude above the DEM's vertical datum at which the pressure was read."""
     reference_temperature_c: Annotated[float, Field(ge=-60.0, le=60.0)] | None = None
+    """Air temperature there at the time; the standard atmosphere's where absent."""
     sigma_m: Positive = 5.0
+    """One standard deviation of the altitude; weather moves it by 6 m an hour on a normal day."""
     reference_time: Annotated[AwareDatetime, Field(strict=False)] | None = None
+    """When the reference was taken; with it, ``sigma_m`` grows from then on by ``drift_m_h``."""
     drift_m_h: NonNegative = 0.0
+    """By how much the altitude's standard deviation grows each hour after ``reference_time``."""
 
 
 class I2cAltimeterSection(_AltimeterSection):
     """``[altimeter]``: a barometer chip."""
 
     kind: Literal["bmp390", "bmp388", "ms5611", "ms5607"]
+    """The barometer chip. ms5611 and ms5607 answer alike: look at what is soldered."""
     bus: Bus
+    """I2C bus, as in ``[inclinometer]``."""
     address: I2cAddress
+    """I2C address: 0x76 or 0x77."""
 
 
 class SerialAltimeterSection(_AltimeterSection):
     """``[altimeter]``: a barometer talker on a serial port, NMEA (XDR, MDA) or Vaisala PA50."""
 
     kind: Literal["nmea", "vaisala-pa50"]
+    """nmea: a talker of XDR, MDA or MMB; vaisala-pa50: a Vaisala PA50."""
     port: Port
+    """Serial port. A compass that talks, too, may have the same."""
     baud: Baud = 4800
+    """Baud rate."""
     require_checksum: bool = True
+    """Whether a sentence without a checksum is refused; of kind nmea."""
     transducer: Annotated[str, Field(min_length=1)] | None = None
+    """The one transducer of XDR that is read, or a sentence (WIMDA); of kind nmea. Where absent, the one that is named like
+    a barometer, else the first that measures air."""
 
     @model_validator(mode="after")
     def _transducers_are_of_nmea(self) -> Self:
@@ -256,29 +333,56 @@ class CameraSection(Section):
     """``[camera]``: source of the pictures, lens, and mounting in the head."""
 
     source: Annotated[int | str, BeforeValidator(_camera_source)]
+    """V4L2 device or its number, the URL of a stream (http, rtsp), or the URL of a picture (http), which is fetched for
+    each frame."""
     width_px: Annotated[int, Field(ge=16)]
+    """Width of the pictures; a camera that delivers another size is refused, since the intrinsics would not hold."""
     height_px: Annotated[int, Field(ge=16)]
+    """Height of the pictures."""
     fx_px: Positive
+    """Focal length in widths of a pixel, as OpenCV's calibrateCamera gives it."""
     fy_px: Positive
+    """Focal length in heights of a pixel."""
     cx_px: Finite
+    """Column of the principal point; 0 is the centre of the left column."""
     cy_px: Finite
+    """Row of the principal point; 0 is the centre of the top row."""
     distortion: Annotated[tuple[Finite, Finite, Finite, Finite, Finite], Field(strict=False)] = (0.0,) * 5
+    """OpenCV's k1, k2, p1, p2, k3."""
     frames_per_direction: Annotated[int, Field(ge=1, le=100)] = 4
+    """Pictures that are averaged in each direction, against noise."""
     exposure_settle_s: Annotated[float, Field(ge=0.0, le=30.0)] = 0.3
+    """Wait after a move for the automatic exposure."""
     exposure_url: Annotated[str, Field(pattern=r"^https?://.*\{ev\}")] | None = None
+    """Of a network camera: the URL that sets the exposure, in stops from the automatic one, with ``{ev}`` for the
+    number."""
     fourcc: Annotated[str, Field(pattern=r"^[0-9A-Za-z ]{4}$")] | None = None
+    """Format of the pictures as ``v4l2-ctl --list-formats-ext`` names it; the driver's where absent. Local cameras only, as
+    the next four."""
     exposure: Positive | None = None
+    """Fixed exposure in the driver's unit (V4L2: 100 µs); automatic where absent."""
     gain: NonNegative | None = None
+    """Fixed gain in the driver's unit; the driver's where absent."""
     white_balance_k: Annotated[float, Field(ge=1000.0, le=20_000.0)] | None = None
+    """Fixed white balance; as it is where absent."""
     focus: NonNegative | None = None
+    """Fixed focus in the driver's unit, autofocus off; as it is where absent. The intrinsics change with the focus."""
     open_timeout_s: Positive = 5.0
+    """A camera that takes longer to open is an error."""
     read_timeout_s: Positive = 2.0
+    """A stream that is silent for this long is an error."""
     boresight_azimuth_deg: Annotated[float, Field(ge=-45.0, le=45.0)] = 0.0
+    """How the camera sits in the head: to the right."""
     boresight_tilt_deg: Annotated[float, Field(ge=-45.0, le=45.0)] = 0.0
+    """How the camera sits in the head: up."""
     boresight_roll_deg: Annotated[float, Field(ge=-180.0, le=180.0)] = 0.0
+    """How the camera sits in the head: clockwise, seen from behind."""
     boresight_azimuth_sigma_deg: NonNegative = 0.0
+    """One standard deviation of ``boresight_azimuth_deg``."""
     boresight_tilt_sigma_deg: NonNegative = 0.0
+    """One standard deviation of ``boresight_tilt_deg``."""
     boresight_roll_sigma_deg: NonNegative = 0.0
+    """One standard deviation of ``boresight_roll_deg``."""
 
     @model_validator(mode="after")
     def _principal_point_in_the_picture(self) -> Self:
@@ -304,14 +408,18 @@ class CaptureSection(Section):
     """``[capture]``: settings of one capture."""
 
     directions: Annotated[tuple[str | float, ...], Field(strict=False)] = ("N", "E", "S", "W")
+    """Directions of the frames: letters, or degrees from true north."""
     base_attitude_pan_angles_deg: Annotated[tuple[Finite, ...], Field(strict=False)] = (
         -135.0,
         -45.0,
         45.0,
         135.0,
     )
+    """Pan angles at which levels and heading are read first."""
     skyline_margin_fraction: Annotated[float, Field(ge=0.0, lt=0.5)] = 0.15
+    """Share of the picture's height that the skyline keeps from the upper and the lower edge."""
     oldest_reading_s: Positive = 300.0
+    """A bundle with an older reading is refused."""
 
     @field_validator("directions")
     @classmethod
@@ -335,10 +443,15 @@ class CalibrationSection(Section):
     """``[calibration]``: files of ``rig calibrate``, relative to this one; their values replace keys of the sections."""
 
     camera: OptionalPath = None
+    """Calibration of the camera."""
     inclinometer: OptionalPath = None
+    """Calibration of the inclinometer."""
     compass: OptionalPath = None
+    """Calibration of the compass."""
     altimeter: OptionalPath = None
+    """Calibration of the altimeter."""
     boresight: OptionalPath = None
+    """Calibration of the boresight."""
 
 
 class AllSections(Section):

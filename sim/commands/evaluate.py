@@ -29,9 +29,18 @@ from sim.commands.failures import one_line_failures
     metavar="DIR",
     help="Where table, summary and plots go; a table that is there already is continued.",
 )
-@click.option("--cases", type=click.IntRange(min=1), default=100, show_default=True, metavar="N")
+@click.option(
+    "--cases",
+    type=click.IntRange(min=1),
+    default=100,
+    show_default=True,
+    metavar="N",
+    help="How many cases to make.",
+)
 @click.option("--only", type=click.IntRange(min=0), multiple=True, metavar="CASE", help="Just this case.")
-@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
+@click.option(
+    "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Another seed, other cases."
+)
 @click.option(
     "--level",
     type=click.Choice(["contour", "image"]),

@@ -22,7 +22,14 @@ OUTSIDE = 5
 
 
 @click.command()
-@click.option("--rigs", "count", type=click.IntRange(1), default=20, show_default=True)
+@click.option(
+    "--rigs",
+    "count",
+    type=click.IntRange(1),
+    default=20,
+    show_default=True,
+    help="How many rigs to calibrate.",
+)
 @click.option(
     "--seed", type=click.IntRange(0), default=1, show_default=True, help="Of the first; the others follow."
 )

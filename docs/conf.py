@@ -1,0 +1,60 @@
+"""How the pages become a site (`make docs`). Sphinx reads this file."""
+
+import re
+import sys
+from pathlib import Path
+
+from sphinx.application import Sphinx
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+project = "skyfix"
+author = "the authors of skyfix"
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "generate.mathml"]
+exclude_patterns = ["generate"]
+
+# Links to pages, to headings and to files of the repository are checked: one that leads nowhere is a warning, and
+# `make docs` fails on warnings.
+myst_heading_anchors = 4
+myst_enable_extensions = ["dollarmath"]
+highlight_language = "none"
+
+autodoc_default_options = {
+    "members": True,
+    "imported-members": True,
+    "member-order": "groupwise",
+    "exclude-members": "model_config, model_post_init",  # pydantic's own
+}
+default_role = "py:obj"
+autodoc_typehints = "signature"
+autodoc_typehints_format = "short"
+autodoc_preserve_defaults = True
+python_maximum_signature_line_length = 88
+napoleon_google_docstring = True
+napoleon_numpy_docstring = True
+napoleon_use_ivar = True  # a section "Attributes" and a field's own docstring do not describe it twice
+
+# Nothing is loaded from elsewhere when a page is read: the theme brings what it needs, formulas are MathML.
+html_theme = "furo"
+html_title = "skyfix"
+html_math_renderer = "mathml"
+html_show_copyright = False
+html_show_sphinx = False
+html_copy_source = False
+html_theme_options: dict[str, object] = {"footer_icons": []}
+
+
+def _navigation_of_what_exists(app: Sphinx, page: str, source: list[str]) -> None:
+    """Leave lines of the home page's navigation out whose page is not written yet."""
+    if page == "index":
+        written = (
+            line
+            for line in source[0].splitlines()
+            if not re.fullmatch(r"[a-z]+/[a-z-]+|[a-z-]+", line) or (Path(app.srcdir) / f"{line}.md").exists()
+        )
+        source[0] = "\n".join(written)
+
+
+def setup(app: Sphinx) -> None:
+    """Called by Sphinx."""
+    app.connect("source-read", _navigation_of_what_exists)
