@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from localizer.bundle import Bundle, Prior
 from localizer.camera import camera_to_world, project
+from localizer.dem.crs import wrapped_lon_deg
 from localizer.dem.horizon import Terrain, at_rim, horizon
 from localizer.dem.lattice import Dem
 from localizer.dem.prepared import prepared
@@ -28,6 +29,8 @@ STEP_DEG = 0.05
 """Between the points of a predicted skyline."""
 BESIDE_DEG = 5.0
 """A predicted skyline is computed so far beyond the outermost points of a contour."""
+
+NO_MEASUREMENT = "measurement: is a {}; give a Bundle, as load_bundle reads it, or an Observation"
 
 
 def locate(
@@ -59,6 +62,8 @@ def locate(
     ------
     BundleError
         A picture of the bundle cannot be read.
+    TypeError
+        The measurement is something else, as the name of a bundle.
 
     See Also
     --------
@@ -86,9 +91,13 @@ def locate(
     """
     if isinstance(measurement, Bundle):
         if prior is not None:
-            circle = Prior(lat_deg=prior.lat_deg, lon_deg=prior.lon_deg, radius_m=prior.radius_m)
+            circle = Prior(
+                lat_deg=prior.lat_deg, lon_deg=wrapped_lon_deg(prior.lon_deg), radius_m=prior.radius_m
+            )
             measurement = measurement.model_copy(update={"prior": circle})
         return locate_bundle(measurement, dem)
+    if not isinstance(measurement, Observation):
+        raise TypeError(NO_MEASUREMENT.format(type(measurement).__name__))
     terrain = prepared(dem)
     load_kernels(terrain)
     observation = altitude_as_trusted(
