@@ -87,11 +87,23 @@ class PriorCircle:
         Its centre, WGS84.
     radius_m : float
         On the ground.
+
+    Raises
+    ------
+    ValueError
+        There is no such circle.
     """
 
     lat_deg: float
     lon_deg: float
     radius_m: float
+
+    def __post_init__(self) -> None:
+        if not (abs(self.lat_deg) <= 90.0 and np.isfinite(self.lon_deg) and 0.0 < self.radius_m < np.inf):
+            raise ValueError(
+                f"circle of {self.radius_m:g} m around {self.lat_deg:g}, {self.lon_deg:g}: give latitude, longitude and a "
+                "radius above 0"
+            )
 
 
 @dataclass(frozen=True)

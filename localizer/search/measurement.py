@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from localizer.bundle import Bundle, Prior
+from localizer.dem.crs import wrapped_lon_deg
 from localizer.dem.lattice import Dem
 from localizer.dem.prepared import prepared
 from localizer.observation import Observation, PriorCircle
@@ -16,6 +17,8 @@ from localizer.search.locate import load_kernels, locate_bundle, observe
 from localizer.search.locate import locate as locate_contours
 from localizer.skyline.find import Skyline
 from localizer.skyline.upright import frame_skyline
+
+NO_MEASUREMENT = "measurement: is a {}; give a Bundle, as load_bundle reads it, or an Observation"
 
 
 def locate(
@@ -47,6 +50,8 @@ def locate(
     ------
     BundleError
         A picture of the bundle cannot be read.
+    TypeError
+        The measurement is something else, as the name of a bundle.
 
     See Also
     --------
@@ -74,9 +79,13 @@ def locate(
     """
     if isinstance(measurement, Bundle):
         if prior is not None:
-            circle = Prior(lat_deg=prior.lat_deg, lon_deg=prior.lon_deg, radius_m=prior.radius_m)
+            circle = Prior(
+                lat_deg=prior.lat_deg, lon_deg=wrapped_lon_deg(prior.lon_deg), radius_m=prior.radius_m
+            )
             measurement = measurement.model_copy(update={"prior": circle})
         return locate_bundle(measurement, dem)
+    if not isinstance(measurement, Observation):
+        raise TypeError(NO_MEASUREMENT.format(type(measurement).__name__))
     terrain = prepared(dem)
     load_kernels(terrain)
     observation = with_datum_uncertainty(

@@ -75,3 +75,18 @@ def test_skylines_of_a_finder_of_ones_own_replace_those_found(bundle_dir) -> Non
     assert [frame.v_px.tolist() for frame in observation.frames] == [[6.0] * width] * 2
     with pytest.raises(ValueError, match="are 1 for 2 frames"):
         localizer.observation_from_bundle(bundle, [mine])
+
+
+def test_the_name_of_a_bundle_is_no_measurement(dem: localizer.Dem) -> None:
+    with pytest.raises(
+        TypeError, match=r"is a str; give a Bundle, as load_bundle reads it, or an Observation"
+    ):
+        localizer.locate("bundles/first", dem)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    "circle", [(91.0, 0.0, 1.0), (0.0, np.nan, 1.0), (0.0, 0.0, 0.0), (0.0, 0.0, np.inf)]
+)
+def test_a_circle_that_is_none_is_refused(circle: tuple[float, float, float]) -> None:
+    with pytest.raises(ValueError, match="circle of"):
+        localizer.PriorCircle(*circle)
