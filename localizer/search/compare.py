@@ -8,9 +8,10 @@ from numpy.typing import NDArray
 
 from localizer.dem.horizon import Terrain
 from localizer.search.decide import log_mass
-from localizer.search.fit.local_optima import Problems, has_edge_columns, problems_of, refit, rescaled_noise
+from localizer.search.fit.local_optima import refit, rescaled_noise
 from localizer.search.fit.outliers import informative_columns
 from localizer.search.fit.problem import Problem
+from localizer.search.fit.problems import Problems, has_edge_columns, problems_of
 from localizer.search.fit.refine import Refined
 from localizer.search.fit.residuals import evaluate, residual_sigma
 

@@ -31,15 +31,14 @@ from localizer.search.decide import (
 )
 from localizer.search.fit.local_optima import (
     SAME_PLACE_CELLS,
-    Problems,
     best_local_optimum,
     distinct,
-    problems_of,
     refit,
     rescaled_noise,
 )
 from localizer.search.fit.noise import initial_noise
 from localizer.search.fit.problem import SECTOR_RAD
+from localizer.search.fit.problems import Problems, problems_of
 from localizer.search.fit.refine import Refined, refine
 from localizer.search.reasons import beyond_dem
 from localizer.search.stage2 import suppress_neighbours

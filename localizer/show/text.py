@@ -98,7 +98,7 @@ def frame_notes(details: LocateDetails) -> list[str]:
         if frame.dem_edge_share > NOTED_DEM_EDGE_SHARE:
             notes.append(
                 f"frame {frame.label}: {frame.dem_edge_share:.0%} of its horizon lies where the DEM ends or has voids, and "
-                "tells nothing; a DEM that goes on there would help"
+                "is not used; a larger DEM would help"
             )
     return notes
 

@@ -85,7 +85,10 @@ def sensitivity(
 
     def written(measured: "dict[str, Measured]") -> str:
         text = as_markdown(
-            lines(measured, constants), plan, f"sim sensitivity --out DIR --cases {cases} --seed {seed}"
+            lines(measured, constants),
+            constants,
+            plan,
+            f"sim sensitivity --out DIR --cases {cases} --seed {seed}",
         )
         (folder / "sensitivity.md").write_text(text, encoding="utf-8")
         return text

@@ -1,8 +1,8 @@
 """The fit of a place between the cells: its unknowns, its likelihood, and the search for its optima.
 
-``problem`` has the observation: one elevation angle for each image column, and a Gaussian prior for each unknown but the
-position. Unknown are the position (east, north), the altitude of the camera, the biases of azimuth and tilt that all frames
-share, and azimuth, tilt and roll errors of each frame.
+``problem`` (at several numbers of columns: ``problems``) has the observation: one elevation angle for each image column, and
+a Gaussian prior for each unknown but the position. Unknown are the position (east, north), the altitude of the camera, the
+biases of azimuth and tilt that all frames share, and azimuth, tilt and roll errors of each frame.
 
 ``residuals`` evaluates observed minus predicted elevation, and its derivatives. ``outliers`` sorts the columns: *informative*
 ones count; *occluded* ones show something nearer than the DEM resolves; at *undetermined* ones near terrain and horizon are

@@ -7,29 +7,21 @@ tempered posterior. A temperature T > 1 divides the log-posterior, because the e
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from localizer.dem.horizon import Terrain
-from localizer.observation import Observation
-from localizer.search.contours import FrameContour
 from localizer.search.fit.correlated_errors import ErrorModel
 from localizer.search.fit.local_grid import grid_optima, grid_second_moment
 from localizer.search.fit.noise import INITIAL_LENGTH_CELLS, Noise
 from localizer.search.fit.problem import Problem
+from localizer.search.fit.problems import Problems, without_edge_columns
 from localizer.search.fit.refine import LIKELIHOOD_FROM, Refined, refine
-from localizer.search.fit.residuals import evaluate
 
 Floats = NDArray[np.float64]
 
-COARSE_COLUMNS = 120
-"""Columns of all frames together in coarse fits and on grids. Tuned on time. @S:fit.local_optima.COARSE_COLUMNS@"""
-MIDDLE_COLUMNS = 480
-"""Columns in comparisons of places. Tuned on time. @S:fit.local_optima.MIDDLE_COLUMNS@"""
-FINE_COLUMNS = 1000
-"""Columns in the fits that distinguish the optima around one place. Tuned on time. @S:fit.local_optima.FINE_COLUMNS@"""
 GRID_CELLS = (2.4, 0.4)
 """Reach and step of the search grid around a fit. Tuned on the scenario ``dem_error``. @S:fit.local_optima.GRID_CELLS@"""
 GRID_STARTS = 3
@@ -66,82 +58,12 @@ MOST_STRICT_FITS = 2
 LIKELY_OPTIMUM_SHARE = 0.05
 """Optima with at least this share of the best one's posterior contribute to the evidence. Tuned on the scenario ``dem_error``.
 @S:fit.local_optima.LIKELY_OPTIMUM_SHARE@"""
-LEAST_COLUMNS = 30
-"""Fewer columns cannot determine a place."""
 SAME_PLACE_CELLS = 2.0
 """Fits this close together are one place."""
 TEMPERATURE_PER_M = 10.0
 """Temperature of the posterior over optima, 1 + this per metre of smooth DEM error. The error model is only approximately
 right: where one ridge occludes another, the horizon depends on details that the model lacks. Tuned on the scenario
 ``dem_error``. @S:fit.local_optima.TEMPERATURE_PER_M@"""
-
-
-@dataclass(frozen=True)
-class Problems:
-    """The problem of one standpoint at four numbers of columns."""
-
-    coarse: Problem
-    middle: Problem
-    fine: Problem
-    full: Problem
-
-
-def problems_of(
-    terrain: Terrain,
-    observation: Observation,
-    contours: tuple[FrameContour, ...],
-    *,
-    uses_edge_columns: bool = False,
-    sector_columns: int | None = None,
-) -> Problems:
-    """The problems of one standpoint; the options are those of ``Problem``."""
-    columns = sum(len(c.rays) for c in contours)
-
-    def thinned(most: int) -> Problem:
-        stride = max(1, columns // most)
-        return Problem(
-            terrain,
-            observation,
-            contours,
-            stride,
-            uses_edge_columns=uses_edge_columns,
-            sector_columns=sector_columns,
-        )
-
-    return Problems(*(thinned(most) for most in (COARSE_COLUMNS, MIDDLE_COLUMNS, FINE_COLUMNS, columns)))
-
-
-def without_edge_columns(problems: Problems, place: Refined) -> Problems:
-    """The problems without the columns that lie at the DEM edge as seen from a place; unchanged if too few are left.
-
-    Places close together are then compared on the same columns. A sector that lost columns keeps its nominal number of
-    columns, so that the rest of it does not gain weight (effective sample size).
-    """
-    full = problems.full
-    inside = ~_edge_columns(full, place)
-    if np.count_nonzero(inside) < LEAST_COLUMNS:
-        return problems
-    contours = []
-    for i, contour in enumerate(full.contours):
-        mine = inside[full.frame_of == i]
-        contours.append(FrameContour(contour.frame, contour.rays[mine], contour.sigma_rad[mine]))
-    return problems_of(
-        full.terrain,
-        full.observation,
-        tuple(contours),
-        uses_edge_columns=True,
-        sector_columns=full.sector_columns,
-    )
-
-
-def has_edge_columns(problem: Problem, place: Refined) -> bool:
-    """Whether the predicted horizon of any column lies at the DEM edge."""
-    return bool(_edge_columns(problem, place).any())
-
-
-def _edge_columns(problem: Problem, place: Refined) -> NDArray[np.bool_]:
-    coefficients = problem.terrain.geodesics.at(place.row, place.col)[0]
-    return evaluate(problem, place.parameters(), (place.row, place.col), coefficients).dem_edge
 
 
 def best_local_optimum(problems: Problems, start: Refined, largest: float) -> Refined:

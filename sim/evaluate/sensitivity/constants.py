@@ -94,9 +94,9 @@ TUNED: tuple[Tuned, ...] = (
     Tuned(f"{_FIT}local_optima", "LIKELY_OPTIMUM_SHARE", "likelihood ratio of optima that count"),
     Tuned(f"{_FIT}local_optima", "CLEAN_INLIER_SHARE", "inlier share that needs no strict fit", "complement"),
     Tuned(f"{_FIT}local_optima", "STRICT_SIGMA_FACTOR", "factor on the DEM error in a strict fit"),
-    Tuned(f"{_FIT}local_optima", "MIDDLE_COLUMNS", "columns in comparisons", "count"),
-    Tuned(f"{_FIT}local_optima", "COARSE_COLUMNS", "columns in coarse fits", "count"),
-    Tuned(f"{_FIT}local_optima", "FINE_COLUMNS", "columns in fine fits", "count"),
+    Tuned(f"{_FIT}problems", "MIDDLE_COLUMNS", "columns in comparisons", "count"),
+    Tuned(f"{_FIT}problems", "COARSE_COLUMNS", "columns in coarse fits", "count"),
+    Tuned(f"{_FIT}problems", "FINE_COLUMNS", "columns in fine fits", "count"),
     Tuned(
         f"{_FIT}refine", "LIKELIHOOD_FROM", "iteration from which the noise is fitted by likelihood", "count"
     ),

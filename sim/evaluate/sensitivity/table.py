@@ -93,8 +93,8 @@ def as_fields(table: Sequence[Line]) -> list[dict[str, Any]]:
     return [asdict(line) for line in table]
 
 
-def as_markdown(table: Sequence[Line], plan: Plan, command: str) -> str:
-    """A page: what was run, how to read it, the table."""
+def as_markdown(table: Sequence[Line], constants: Sequence[Tuned], plan: Plan, command: str) -> str:
+    """A page: what was run, how to read it, the table, and the constants that it lacks."""
     count = len(plan.scenarios) * plan.cases
     names = ", ".join(f"`{path.stem}`" for path in plan.scenarios)
     head = (
@@ -153,8 +153,16 @@ def as_markdown(table: Sequence[Line], plan: Plan, command: str) -> str:
             "",
             *rows,
             "",
+            *_missing(table, constants),
         ]
     )
+
+
+def _missing(table: Sequence[Line], constants: Sequence[Tuned]) -> list[str]:
+    """Constants that an interrupted run has not halved and doubled both."""
+    rows = [line.constant for line in table]
+    names = [f"`{tuned.label}`" for tuned in constants if rows.count(tuned.label) < len(FACTORS)]
+    return [f"Not measured yet: {', '.join(names)}.", ""] if names else []
 
 
 def _number(value: float | None) -> str:

@@ -21,9 +21,9 @@ from localizer.observation import Observation, PriorCircle
 from localizer.search.answer import fix_of
 from localizer.search.contours import FrameContour, frame_contour, measured_skyline
 from localizer.search.fit.local_grid import grid_optima, grid_second_moment
-from localizer.search.fit.local_optima import problems_of, without_edge_columns
 from localizer.search.fit.noise import Noise, initial_noise
 from localizer.search.fit.problem import Problem
+from localizer.search.fit.problems import problems_of, without_edge_columns
 from localizer.search.fit.refine import Refined, refine
 from localizer.search.fit.residuals import evaluate
 from localizer.search.leave_one_out import CheckedAnswer, check_frames, frame_agreement

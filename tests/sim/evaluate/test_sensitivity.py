@@ -154,9 +154,12 @@ def test_the_table_compares_each_variant_with_the_default_case_by_case():
     assert (half.median_error_m, half.median_shift_sigmas, half.time_ratio) == (2.0, 0.25, 0.5)
     assert (half.median_sigma_ratio, default.median_sigma_ratio) == (1.0, 1.0)
     assert (double.fixes, double.ambiguous, double.status_changes, double.wrong_fixes) == (1, 1, 1, 1)
-    text = as_markdown([default, half, double], Plan(Path("a.tif"), (Path("realistic.toml"),), 2, 1), "it")
+    text = as_markdown(
+        [default, half, double], [evidence, reach], Plan(Path("a.tif"), (Path("realistic.toml"),), 2, 1), "it"
+    )
     assert "| `decide.FIX_EVIDENCE` |" in text
-    assert "stage1.SIGMAS" not in text, "what was not measured has no row"
+    assert "| `stage1.SIGMAS` |" not in text
+    assert "Not measured yet: `stage1.SIGMAS`." in text
 
 
 @pytest.mark.long
