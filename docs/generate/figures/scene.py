@@ -9,17 +9,17 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from sim.evaluate.searched import searched_terrain
+from sim.evaluate.searched_dem import searched_terrain
 
 from localizer.dem.geodesy import geod, lonlat_to_rowcol, rowcol_to_lonlat
 from localizer.dem.horizon import Terrain
 from localizer.observation import Observation
 from localizer.search.answer import Located
 from localizer.search.contours import MeasuredSkyline, frame_contour, measured_skyline
-from localizer.search.fit.correlated_errors import normal_equations, whitened_cost
+from localizer.search.fit.correlated_errors import normal_equations, whitened_nll
 from localizer.search.fit.local_optima import problems_of
-from localizer.search.fit.objective import columns_along, prior_cost
-from localizer.search.fit.outliers import telling_columns, weights
+from localizer.search.fit.objective import ordered_columns, prior_nll
+from localizer.search.fit.outliers import informative_columns, weights
 from localizer.search.fit.problem import ALTITUDE, EAST, NORTH
 from localizer.search.fit.residuals import evaluate, ground_at, residual_sigma
 from localizer.search.locate import locate
@@ -118,7 +118,7 @@ def cost_around(here: Scene, reach_m: float, step_m: float) -> tuple[Floats, Flo
     place = best.row, best.col
     at_fix = evaluate(problem, best.parameters(), place, frame)
     sigma = residual_sigma(problem, at_fix, best.dem_error_m)
-    weight = weights(telling_columns(at_fix, sigma), at_fix.residual / sigma)
+    weight = weights(informative_columns(at_fix, sigma), at_fix.residual / sigma)
 
     def fitted(east_m: float, north_m: float) -> float:
         x = best.parameters()
@@ -126,12 +126,12 @@ def cost_around(here: Scene, reach_m: float, step_m: float) -> tuple[Floats, Flo
         x[ALTITUDE] += ground_at(problem, x, place, frame)[0] - at_fix.ground_m
         for _ in range(NUISANCE_STEPS):
             there = evaluate(problem, x, place, frame, at_fix.guess_m)
-            columns = columns_along(problem, x, there, model, weight)
-            normal = normal_equations(columns, model, forgiving=False)
-            x[ALTITUDE:] -= np.linalg.solve(normal.curvature[ALTITUDE:, ALTITUDE:], normal.slope[ALTITUDE:])
+            columns = ordered_columns(problem, x, there, model, weight)
+            normal = normal_equations(columns, model, robust=False)
+            x[ALTITUDE:] -= np.linalg.solve(normal.hessian[ALTITUDE:, ALTITUDE:], normal.gradient[ALTITUDE:])
         there = evaluate(problem, x, place, frame, at_fix.guess_m)
-        columns = columns_along(problem, x, there, model, weight)
-        return whitened_cost(columns, model, forgiving=False) + prior_cost(problem, x, there, model)
+        columns = ordered_columns(problem, x, there, model, weight)
+        return whitened_nll(columns, model, robust=False) + prior_nll(problem, x, there, model)
 
     ticks = np.arange(-reach_m, reach_m + 0.5 * step_m, step_m)
     return np.array([[fitted(east, north) for east in ticks] for north in ticks]), ticks

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from generate.figures.drawing import BLUE, GREEN, GREY, ORANGE, RED, new_figure, save
 from generate.figures.scene import COMPACT, Floats, Scene, scene, skyline_of
 from localizer.dem.horizon import horizon
-from localizer.search.stage2 import SATURATION
+from localizer.search.stage2 import GEMAN_MCCLURE_SIGMAS
 
 Cells = NDArray[np.int64]
 
@@ -56,9 +56,9 @@ def draw() -> None:
     sigmas = np.linspace(0.0, 12.0, 200)
     loss.plot(sigmas, 0.5 * sigmas**2, color=GREY, ls="--", label="squares")
     loss.plot(
-        sigmas, 0.5 * sigmas**2 / (1.0 + sigmas**2 / SATURATION**2), color=ORANGE, label="Geman-McClure"
+        sigmas, 0.5 * sigmas**2 / (1.0 + sigmas**2 / GEMAN_MCCLURE_SIGMAS**2), color=ORANGE, label="Geman-McClure"
     )
-    loss.axhline(0.5 * SATURATION**2, color=GREY, lw=0.7, ls=":")
+    loss.axhline(0.5 * GEMAN_MCCLURE_SIGMAS**2, color=GREY, lw=0.7, ls=":")
     loss.set(
         xlabel="residual, standard deviations",
         ylabel="loss",
@@ -83,8 +83,8 @@ def _disparities(here: Scene, cells: Cells, bias_deg: float) -> Floats:
     at = at[np.isfinite(skyline.elevation_deg[at])]
     azimuth_deg = at * 360.0 / len(skyline.elevation_deg) - bias_deg
     angle_deg, distance_m = _predicted(here, cells, azimuth_deg)
-    slack_m = here.terrain.half_cell_relief_m[cells[:, 0], cells[:, 1]] + here.terrain.usual_error_m
+    slack_m = here.terrain.half_cell_relief_m[cells[:, 0], cells[:, 1]] + here.terrain.nominal_error_m
     variance = skyline.sigma_deg[at] ** 2 + np.degrees(slack_m[:, None] / distance_m) ** 2
     squared = (skyline.elevation_deg[at] - angle_deg) ** 2 / variance
-    loss = squared / (1.0 + squared / SATURATION**2) + np.log(np.radians(np.sqrt(variance)) ** 2)
+    loss = squared / (1.0 + squared / GEMAN_MCCLURE_SIGMAS**2) + np.log(np.radians(np.sqrt(variance)) ** 2)
     return np.asarray(0.5 * loss.mean(axis=1))
