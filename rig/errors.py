@@ -5,7 +5,7 @@ library raises is turned into one where it happens. Only a ``TransientError`` is
 ``rig.devices.bus.retry`` tries again.
 """
 
-from localizer.errors import SkyfixError
+from localizer.errors import SkyfixError as SkyfixError
 
 
 class RigError(SkyfixError):
@@ -46,8 +46,14 @@ class NoChecksumError(MessageError):
 class DeviceError(RigError):
     """A device is absent, is another one than configured, or does not do what it should.
 
-    ``device`` names it as an operator would ("pan servo (id 1) on /dev/ttyUSB0"), ``problem`` says what
-    happened, ``remedy`` what to do.
+    Attributes
+    ----------
+    device : str
+        The device as an operator would name it: "pan servo (id 1) on /dev/ttyUSB0".
+    problem : str
+        What happened.
+    remedy : str
+        What to do.
     """
 
     def __init__(self, device: str, problem: str, remedy: str) -> None:

@@ -87,9 +87,24 @@ class StoppedError(TransientError):
 
 @dataclass(frozen=True)
 class HeadState:
-    """Where the head is and how its servos are; pairs are (pan, tilt), volts in V, temps in °C.
+    """Where the head is and how its servos are.
 
-    ``alerts`` are sentences that name the servo and its hardware error, empty where all is well.
+    Attributes
+    ----------
+    pan_deg, tilt_deg : float
+        The joints' angles.
+    moving : bool
+        Whether a servo moves.
+    ticks : tuple of int
+        Positions of (pan, tilt), 4096 to one turn.
+    volts : tuple of float
+        Supply voltages of (pan, tilt), V.
+    temps : tuple of float
+        Temperatures of (pan, tilt), °C.
+    alerts : tuple of str
+        Sentences that name a servo and its hardware error; empty where all is well.
+    monotonic_s : float
+        When, on ``time.monotonic``'s clock.
     """
 
     pan_deg: float
@@ -128,14 +143,39 @@ class _Axis:
 
 
 class PanTilt:
-    """The head, connected and without torque. Use it as a context manager: leaving it switches the torque
-    off.
+    """The pan-tilt head of two Dynamixel X servos, connected and without torque; leaving a ``with`` block switches it off.
 
     Connecting checks that both servos are there and of the configured model, undoes what other programs have left in them,
-    and gives them mode, limits and speed. Raises ``DeviceError`` where port or servos are absent, others, or broken.
+    and gives them mode, limits and speed.
 
     The servos' own bus watchdog is armed by ``move_to`` and disarmed once ``wait_settled`` has seen the head
     stand: a program that dies lets the head stop, and one that measures for some seconds need not talk to it.
+
+    Parameters
+    ----------
+    parameters : PanTiltSection
+        ``[pan_tilt]`` of a configuration: port, ids, models, limits, speeds.
+
+    Raises
+    ------
+    DeviceError
+        Port or servos are absent, others, or broken.
+
+    Examples
+    --------
+    >>> import rig
+    >>> servo = {"model": "XM430-W350", "zero_tick": 2048, "direction": 1}
+    >>> section = rig.PanTiltSection.model_validate(
+    ...     {
+    ...         "port": servo_port,  # "/dev/ttyUSB0"
+    ...         "pan": {"id": 1, "min_deg": -170.0, "max_deg": 170.0, **servo},
+    ...         "tilt": {"id": 2, "min_deg": -40.0, "max_deg": 60.0, **servo},
+    ...     }
+    ... )
+    >>> with rig.PanTilt(section) as head:
+    ...     state = head.go_to(pan_deg=10.0, tilt_deg=5.0)
+    >>> print(f"pan {state.pan_deg:.0f}, tilt {state.tilt_deg:.0f} deg at {state.volts[0]:.1f} V")
+    pan 10, tilt 5 deg at 12.0 V
     """
 
     def __init__(self, parameters: PanTiltParameters) -> None:
@@ -208,8 +248,26 @@ class PanTilt:
     def go_to(self, pan_deg: float, tilt_deg: float) -> HeadState:
         """Move to both angles, round the keep-out zones, and wait until the head stands there.
 
-        A head that lost its torque or was stopped by its bus watchdog on the way is set up anew and sent on. Raises
-        what ``move_to`` and ``wait_settled`` raise.
+        A head that lost its torque or was stopped by its bus watchdog on the way is set up anew and sent on.
+
+        Parameters
+        ----------
+        pan_deg : float
+            Clockwise-positive seen from above, from where the pan servo stands at its ``zero_tick``.
+        tilt_deg : float
+            Up-positive.
+
+        Returns
+        -------
+        HeadState
+            Where it stands.
+
+        Raises
+        ------
+        GoalError
+            An angle is outside its limits, or in a keep-out zone. Nothing has moved.
+        DeviceError
+            A servo reports a hardware error, stopped on the way, or cannot be commanded.
         """
         self._goal_ticks(pan_deg, tilt_deg)
         state = self.state()
@@ -252,9 +310,17 @@ class PanTilt:
     def move_to(self, pan_deg: float, tilt_deg: float) -> None:
         """Start straight towards both angles; ``wait_settled`` waits for the end.
 
-        Raises ``GoalError`` before anything moves where an angle is outside its limits or the way leads through a
-        keep-out zone, ``DeviceError`` where a servo reports a hardware error, was turned beyond its range by hand, or cannot
-        be commanded.
+        Parameters
+        ----------
+        pan_deg, tilt_deg : float
+            As for `go_to`.
+
+        Raises
+        ------
+        GoalError
+            An angle is outside its limits, or the way leads through a keep-out zone. Nothing has moved.
+        DeviceError
+            A servo reports a hardware error, was turned beyond its range by hand, or cannot be commanded.
         """
         goals = self._goal_ticks(pan_deg, tilt_deg)
         if self._astray:
@@ -313,7 +379,18 @@ class PanTilt:
             retry(partial(servo.arm_bus_watchdog, self._parameters.bus_watchdog_ms / 1000))
 
     def state(self) -> HeadState:
-        """Angles and health, from one sync read. Raises ``DeviceError`` naming a silent servo."""
+        """Angles and health, from one sync read.
+
+        Returns
+        -------
+        HeadState
+            At this moment.
+
+        Raises
+        ------
+        DeviceError
+            A servo is silent; the message names it.
+        """
         states = retry(partial(read_states, self._bus, self._servos))
         pan, tilt = states
         state = HeadState(
@@ -347,12 +424,24 @@ class PanTilt:
             raise DeviceError(_HEAD, problem, "remove the cause, then power-cycle the servos")
 
     def wait_settled(self, timeout_s: float | None = None) -> HeadState:
-        """Wait until the head stands: no servo moving and no position changing for 0.2 s. Returns the state
-        then.
+        """Wait until the head stands: no servo moving and no position changing for 0.2 s.
 
-        Asking keeps the bus watchdog fed. ``timeout_s`` is by default the configured ``settle_timeout_s``.
-        Raises ``DeviceError`` where the head still moves then, reports a hardware error, or stands away from
-        its goal.
+        Asking keeps the bus watchdog fed.
+
+        Parameters
+        ----------
+        timeout_s : float, optional
+            How long to wait, in seconds; by default the configured ``settle_timeout_s``.
+
+        Returns
+        -------
+        HeadState
+            The state then.
+
+        Raises
+        ------
+        DeviceError
+            The head still moves then, reports a hardware error, or stands away from its goal.
         """
         deadline = Deadline.after(self._parameters.settle_timeout_s if timeout_s is None else timeout_s)
         state = self.state()
@@ -431,7 +520,13 @@ class PanTilt:
             )
 
     def relax(self) -> None:
-        """Torque off, for each servo even where another fails. Raises ``DeviceError`` naming all failed."""
+        """Torque off, for each servo even where another fails.
+
+        Raises
+        ------
+        DeviceError
+            It could not be switched off; the message names all servos that failed.
+        """
         self._goal_deg = None
         self._holding.clear()
         failures = []

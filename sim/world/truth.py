@@ -17,6 +17,7 @@ from pygeomag import GeoMag
 from scipy import ndimage
 
 from sim.errors import SimulationError
+from sim.shipped_files import EMBEDDED_DEM
 from sim.world.mechanics import Attitude, Head, Mechanics, Rotation, pan_stage_in_base, turned_about_axes
 from sim.world.scenario import Scenario
 from sim.world.surface import Observer, Surface
@@ -44,7 +45,21 @@ SKIES: tuple[Literal["clear", "scattered", "broken", "overcast"], ...] = (
 
 @dataclass(frozen=True)
 class TruePlace:
-    """Where the vehicle stands; ``row`` and ``col`` in the DEM file's grid, cell centres at whole numbers."""
+    """Where the vehicle stands.
+
+    Attributes
+    ----------
+    lat_deg, lon_deg : float
+        WGS84.
+    easting_m, northing_m : float
+        In ``crs``: the DEM's own where that is projected, else a UTM zone.
+    crs : str
+        Its name, ``"EPSG:32610"``.
+    row, col : float
+        In the DEM file's grid, cell centres at whole numbers.
+    ground_m, altitude_m : float
+        Of the triangulated surface, and of the camera's optical centre, above the DEM's vertical datum.
+    """
 
     lat_deg: float
     lon_deg: float
@@ -53,8 +68,8 @@ class TruePlace:
     crs: str
     row: float
     col: float
-    ground_m: float  # of the triangulated surface
-    altitude_m: float  # of the camera's optical centre
+    ground_m: float
+    altitude_m: float
 
 
 @dataclass(frozen=True)
@@ -156,7 +171,42 @@ class Vehicle:
 
 @dataclass(frozen=True)
 class World:
-    """The truth about one simulated rig. Immutable but for where the joints are and where and how the vehicle stands."""
+    """The truth about one simulated rig: all that its devices measure, with every error that they have.
+
+    Immutable but for where the joints are and where and how the vehicle stands. Made by ``World.create``.
+
+    Attributes
+    ----------
+    scenario : Scenario
+        The sizes of the errors, and the devices that are fitted.
+    seed : int
+        That everything was drawn with.
+    surface : Surface
+        The DEM as a triangulated surface.
+    vehicle : Vehicle
+        Where it stands and how it moves.
+    mechanics : Mechanics
+        How base, head and camera are turned against each other.
+    biases : Biases
+        The errors that were drawn.
+    air : Air
+        Pressure, temperature, visibility, sun and sky.
+    reference : PressureReference
+        What the crew wrote down before they left.
+    head : Head
+        Where the joints are.
+    place : TruePlace
+        Where the vehicle stands.
+
+    Examples
+    --------
+    >>> import sim
+    >>> world = sim.World.create(seed=7)
+    >>> print(f"{world.place.lat_deg:.3f}, {world.place.lon_deg:.3f}, {world.place.altitude_m:.0f} m")
+    37.328, -122.220, 571 m
+    >>> world.truth_json()["base_attitude"].keys()
+    dict_keys(['heading_deg', 'pitch_deg', 'roll_deg'])
+    """
 
     scenario: Scenario
     seed: int
@@ -169,12 +219,31 @@ class World:
     head: Head
 
     @classmethod
-    def create(cls, dem_paths: Sequence[Path], scenario: Scenario, seed: int) -> "World":
+    def create(
+        cls, dem_paths: Sequence[Path] = (EMBEDDED_DEM,), scenario: Scenario | None = None, seed: int = 1
+    ) -> "World":
         """Draw a world.
 
-        Raises:
-            SimulationError: the DEM cannot be read, or no place on it meets the scenario's conditions.
+        Parameters
+        ----------
+        dem_paths : sequence of pathlib.Path
+            Elevation rasters that adjoin; the terrain that comes with skyfix unless given.
+        scenario : Scenario, optional
+            What is drawn from; the realistic defaults unless given.
+        seed : int
+            Another seed, another place and other errors.
+
+        Returns
+        -------
+        World
+            The same for the same arguments.
+
+        Raises
+        ------
+        SimulationError
+            The DEM cannot be read, or no place on it meets the scenario's conditions.
         """
+        scenario = scenario or Scenario()
         surface = Surface(read_terrain(dem_paths))
         observer = draw_place(surface, scenario, random_generator(seed, _at_stop("place", scenario)))
         return cls.around(surface, observer, scenario, seed)

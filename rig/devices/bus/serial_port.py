@@ -19,6 +19,7 @@ import serial
 from rig import sysfs
 from rig.devices.bus import tap
 from rig.devices.bus.deadline import Deadline
+from rig.devices.closing import ClosedOnExit
 from rig.errors import DeviceError, LostPortError
 from rig.fault_notes import note_fault
 
@@ -49,12 +50,28 @@ _PORTS_SHOWN = 4
 _BAUD = ("cannot be opened: it has no such baud rate", "correct `baud`, or take another adapter")
 
 
-class SerialPort:
-    """A raw 8N1 serial port, opened for this process alone.
+class SerialPort(ClosedOnExit):
+    """A raw serial port, 8 data bits, no parity, 1 stop bit, opened for this process alone.
 
-    Raises ``DeviceError`` where it cannot be opened (absent, in use, not permitted, no serial port at all).
-    ``path`` is a device file, best one of /dev/serial/by-id: a re-plugged adapter gets another ttyUSB number.
-    Every method but ``close`` raises ``LostPortError`` where the port has gone away and is not back.
+    Parameters
+    ----------
+    path : str
+        A device file, best one of /dev/serial/by-id: an adapter that is plugged in again gets another ttyUSB number.
+    baud : int
+        Bits a second.
+
+    Raises
+    ------
+    DeviceError
+        It cannot be opened: absent, in use, not permitted, no serial port at all.
+    LostPortError
+        Of every method but ``close``: the port has gone away and is not back.
+
+    Examples
+    --------
+    >>> import rig
+    >>> with rig.SerialPort(servo_port, 1_000_000) as port:  # servo_port = "/dev/ttyUSB0"
+    ...     port.write(bytes.fromhex("ff ff fd 00 01 03 00 01 19 4e"))  # Protocol 2.0: ping servo 1
     """
 
     def __init__(self, path: str, baud: int) -> None:

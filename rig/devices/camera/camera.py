@@ -60,7 +60,17 @@ def _let_hanging_threads_end() -> None:
 
 @dataclass(frozen=True)
 class TimedFrame:
-    """A frame (height, width, 3), BGR. It reached the computer between ``not_before_s`` (monotonic) and ``arrived``."""
+    """A frame, and when it reached the computer: between ``not_before_s`` and ``arrived``.
+
+    Attributes
+    ----------
+    image_bgr : array of uint8
+        (height, width, 3): blue, green, red.
+    not_before_s : float
+        On ``time.monotonic``'s clock.
+    arrived : Instant
+        On both clocks: ``monotonic_s`` and ``utc``.
+    """
 
     image_bgr: Image
     not_before_s: float
@@ -68,11 +78,32 @@ class TimedFrame:
 
 
 class Camera:
-    """The camera's newest frames. Use it as a context manager; the thread ends with it.
+    """The camera's newest frames, which a thread reads; leaving a ``with`` block ends it.
 
     Opening goes on in the thread: ``wait_open`` waits for it and checks the size. A stream that ends later is opened
-    again, and again. Every method that waits raises ``DeviceError`` where the camera cannot be opened or delivers
-    another size than configured, ``TransientError`` where it falls silent.
+    again, and again.
+
+    Parameters
+    ----------
+    section : CameraSection
+        ``[camera]`` of a configuration: source, size, intrinsics.
+
+    Raises
+    ------
+    TransientError
+        Of each method that waits: the camera is silent.
+    DeviceError
+        Of each method that waits: the camera cannot be opened, or delivers another size than configured.
+
+    Examples
+    --------
+    >>> import rig, time
+    >>> config = rig.load_config(config_file)  # config_file = "vehicle.toml"
+    >>> with rig.Camera(config.camera) as camera:
+    ...     camera.wait_open()
+    ...     frame = camera.frame_after(time.monotonic())  # nothing that was exposed before
+    >>> frame.image_bgr.shape
+    (120, 160, 3)
     """
 
     def __init__(self, section: CameraSection) -> None:
@@ -165,7 +196,25 @@ class Camera:
         return frames
 
     def frame_after(self, monotonic_s: float) -> TimedFrame:
-        """The first frame that arrives no earlier than a moment."""
+        """The first frame that arrives no earlier than a moment.
+
+        Parameters
+        ----------
+        monotonic_s : float
+            On ``time.monotonic``'s clock; it may be to come.
+
+        Returns
+        -------
+        TimedFrame
+            With the image, (height, width, 3), blue, green, red.
+
+        Raises
+        ------
+        TransientError
+            None comes within ``[camera] read_timeout_s``.
+        DeviceError
+            The camera cannot be opened, or delivers another size than configured.
+        """
         return self.frames_after(monotonic_s, 1)[0]
 
     def close(self) -> None:

@@ -22,7 +22,27 @@ _JUMP_TICKS = 64  # 5.6 deg: more than what the head sags or is pulled when the 
 
 @dataclass(frozen=True)
 class ServoState:
-    """What one servo says about itself. ``current_a`` is measured (XM), ``load_percent`` inferred (XL)."""
+    """What one servo says about itself (e-manual, "Control Table", registers 122 to 146).
+
+    Attributes
+    ----------
+    position_tick : int
+        4096 to one turn.
+    velocity_deg_s : float
+        Of the shaft.
+    current_a : float or None
+        Measured by an XM430; an XL430 does not.
+    load_percent : float or None
+        Inferred by an XL430.
+    voltage_v : float
+        Of the supply.
+    temperature_c : float
+        Inside the servo.
+    moving, in_position, alert : bool
+        As the servo sees it; an alert has its cause in the hardware error status.
+    monotonic_s : float
+        When, on ``time.monotonic``'s clock.
+    """
 
     position_tick: int
     velocity_deg_s: float
@@ -37,7 +57,35 @@ class ServoState:
 
 
 class Servo:
-    """A servo on a bus; ``name`` is how errors call it. Its methods raise what ``ServoBus`` raises."""
+    """A Dynamixel X servo on a bus, its registers by the vendor's names.
+
+    Parameters
+    ----------
+    bus : ServoBus
+        That it hangs on.
+    servo_id : int
+        Its id, 0 to 252.
+    model : {"XM430-W350", "XL430-W250"}
+        Whose control table it has (e-manual, "Control Table").
+    name : str
+        How errors call it: ``"pan"``.
+
+    Raises
+    ------
+    TransientError
+        Of each method: the servo does not answer.
+    DeviceError
+        Of each method: the servo refuses the instruction, or the port is lost.
+
+    Examples
+    --------
+    >>> import rig
+    >>> with rig.ServoBus(rig.SerialPort(servo_port, 1_000_000)) as bus:  # servo_port = "/dev/ttyUSB0"
+    ...     servo = rig.Servo(bus, 1, "XM430-W350", "pan")
+    ...     servo.write("LED", 1)
+    ...     print(f"{servo.read('Present Input Voltage') / 10:.1f} V, {servo.read('Present Temperature')} °C")
+    12.0 V, 31 °C
+    """
 
     def __init__(self, bus: ServoBus, servo_id: int, model: str, name: str) -> None:
         self._bus = bus
