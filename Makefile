@@ -10,7 +10,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: demo test test-all test-system evaluate lint format clean
+.PHONY: demo test test-all test-system test-wheel evaluate lint format clean
 
 demo: $(READY)
 	$(BIN)/sim demo --seed $(SEED) --out demo
@@ -26,6 +26,10 @@ test-all: $(READY)
 test-system: $(READY)
 	tests/system/packages
 	$(BIN)/pytest -n 3 --dist loadfile -m "system and not long"
+
+# The wheel: built, installed into an environment of its own, and used from another folder. Compiles the kernels anew.
+test-wheel: $(READY)
+	$(BIN)/pytest tests/packaging -m long
 
 EVALUATE = $(BIN)/sim evaluate $(addprefix --dem ,$(DEMS)) --seed $(SEED) --jobs $(JOBS)
 SCENARIOS = $(sort $(basename $(notdir $(wildcard configs/scenarios/evaluate/*.toml))))

@@ -13,6 +13,7 @@ from .capture.capture import CaptureError
 from .config.load import load_config
 from .config.model import RigConfig
 from .config.sections import CameraSection, PanTiltSection
+from .devices.bus.deadline import Deadline
 from .devices.bus.i2c import I2cBus, open_i2c
 from .devices.bus.i2c_chip import open_chip
 from .devices.bus.serial_port import SerialPort
@@ -51,6 +52,7 @@ __all__ = [
     "CameraSection",
     "CaptureError",
     "ConfigError",
+    "Deadline",
     "DeviceError",
     "FieldReading",
     "FrameRecord",

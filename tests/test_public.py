@@ -90,6 +90,27 @@ def test_docstrings_are_in_the_style_of_numpydoc(package: str, name: str) -> Non
         assert {"Parameters", "Attributes", "Examples"} & set(found), name
 
 
+METHODS = [
+    (f"{package}.{name}.{called}", method)
+    for package, name in NAMES
+    if inspect.isclass(exported(package, name)) and not issubclass(exported(package, name), Exception)
+    for called, method in inspect.getmembers(exported(package, name), inspect.isroutine)
+    if not called.startswith("_") and getattr(method, "__module__", "").split(".")[0] in PACKAGES
+]
+
+
+@pytest.mark.parametrize(("name", "method"), METHODS, ids=[name for name, _ in METHODS])
+def test_methods_say_what_their_parameters_are(name: str, method: Any) -> None:
+    text = inspect.getdoc(method)
+    assert text
+    found = sections(text)
+    assert found == [heading for heading in ORDER if heading in found]
+    parameters = [each for each in inspect.signature(method).parameters if each not in ("self", "cls")]
+    assert not parameters or "Parameters" in found, name
+    for parameter in parameters:
+        assert parameter in text.partition("Parameters")[2]
+
+
 def with_examples() -> Iterator[Any]:
     """Every docstring of the public API that has an example: the packages', those of names, those of public methods."""
     finder = doctest.DocTestFinder(recurse=False)

@@ -345,7 +345,18 @@ class PanTilt:
         self._goal_deg = pan_deg, tilt_deg
 
     def require_one_turn(self, state: HeadState) -> None:
-        """Raise ``DeviceError`` where a servo has been turned out of its range by hand: torque would send it the long way."""
+        """Refuse a head that was turned out of its range by hand: torque would send it the long way.
+
+        Parameters
+        ----------
+        state : HeadState
+            From `state`.
+
+        Raises
+        ------
+        DeviceError
+            The message names the servo.
+        """
         for servo, tick in zip(self._servos, state.ticks, strict=True):
             servo.require_one_turn(tick)
 

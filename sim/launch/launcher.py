@@ -125,7 +125,15 @@ class SimulatedRig:
         return self.world.truth_json()
 
     def go(self, speed_m_s: float, course_deg: float) -> None:
-        """The vehicle drives: its odometer says so, and its inclinometer is shaken, until it stands somewhere."""
+        """Have the vehicle drive: its odometer says so, and its inclinometer is shaken, until it stands somewhere.
+
+        Parameters
+        ----------
+        speed_m_s : float
+            Over the ground.
+        course_deg : float
+            Clockwise from true north.
+        """
         vehicle = self.world.vehicle
         vehicle.speed_m_s, vehicle.course_deg, vehicle.shaken_mg = speed_m_s, course_deg % 360.0, SHAKING_MG
 

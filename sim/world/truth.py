@@ -250,7 +250,24 @@ class World:
 
     @classmethod
     def around(cls, surface: Surface, observer: Observer, scenario: Scenario, seed: int) -> "World":
-        """Draw everything but the place: ``observer`` is the camera's optical centre."""
+        """Draw everything but the place.
+
+        Parameters
+        ----------
+        surface : Surface
+            The DEM.
+        observer : Observer
+            The camera's optical centre on it.
+        scenario : Scenario
+            What is drawn from.
+        seed : int
+            Another seed, other errors.
+
+        Returns
+        -------
+        World
+            The same for the same arguments.
+        """
         place = _place(surface, observer)
         base = _draw_base(scenario, random_generator(seed, _at_stop("base", scenario)))
         air = _draw_air(scenario, random_generator(seed, "weather"))
@@ -285,36 +302,104 @@ class World:
     def standpoint_at(self, lat_deg: float, lon_deg: float) -> Standpoint:
         """Another place in this world, for the vehicle to drive to.
 
-        Raises:
-            SimulationError: the DEM has no height there.
+        Parameters
+        ----------
+        lat_deg, lon_deg : float
+            WGS84.
+
+        Returns
+        -------
+        Standpoint
+            For ``SimulatedRig.stand_at``.
+
+        Raises
+        ------
+        SimulationError
+            The DEM has no height there.
         """
         observer = _eye_at(self.surface, self.scenario, lat_deg, lon_deg)
         return _standpoint(self.scenario, self.biases, _place(self.surface, observer), observer)
 
     def rng(self, purpose: str) -> np.random.Generator:
-        """A generator of its own for a device's noise, the same one for the same seed and purpose."""
+        """A random generator of its own for a device's noise.
+
+        Parameters
+        ----------
+        purpose : str
+            Of one device, or of a picture.
+
+        Returns
+        -------
+        numpy.random.Generator
+            The same for the same seed and purpose.
+        """
         return random_generator(self.seed, purpose)
 
     def camera_rotation(self, pan_deg: float, tilt_deg: float) -> Rotation:
-        """Camera axes (columns) in east, north, up (3, 3) at true joint angles."""
+        """Where the camera looks.
+
+        Parameters
+        ----------
+        pan_deg, tilt_deg : float
+            True joint angles.
+
+        Returns
+        -------
+        array of float
+            (3, 3): camera axes (columns) in east, north, up.
+        """
         return self.mechanics.camera_in_world(pan_deg, tilt_deg)
 
     def gravity_in_head(self, pan_deg: float, tilt_deg: float) -> Array:
-        """What a perfect accelerometer at rest reads in the head (3,), g: +1 along an axis that points up."""
+        """What a perfect accelerometer at rest reads in the head.
+
+        Parameters
+        ----------
+        pan_deg, tilt_deg : float
+            True joint angles.
+
+        Returns
+        -------
+        array of float
+            (3,), g: +1 along an axis that points up.
+        """
         up_in_head: Array = self.mechanics.head_in_world(pan_deg, tilt_deg)[2]
         return up_in_head.copy()
 
     def accelerometer_in_head(self, pan_deg: float, tilt_deg: float) -> Array:
-        """What the rig's own chip reads without noise (3,), g, in the axes that it should have: askew, off scale, off zero."""
+        """What the rig's own chip reads without noise in the axes that it should have: askew, off scale, off zero.
+
+        Parameters
+        ----------
+        pan_deg, tilt_deg : float
+            True joint angles.
+
+        Returns
+        -------
+        array of float
+            (3,), g.
+        """
         askew = turned_about_axes(self.biases.inclinometer_mounting_deg)
         seen = askew.T @ self.gravity_in_head(pan_deg, tilt_deg)
         reading: Array = seen * self.biases.inclinometer_scale
         return reading + np.array(self.biases.inclinometer_offset_mg) / 1000.0
 
     def field_in_pan_stage(self, pan_deg: float, moving: bool = False, holding: bool = False) -> Array:
-        """The field at the magnetometer (3,), µT, in the pan stage.
+        """The field at the magnetometer, in the pan stage.
 
         The Earth's with its local anomaly, bent by the iron of vehicle and pan stage, and the motors' while they draw current.
+
+        Parameters
+        ----------
+        pan_deg : float
+            True joint angle.
+        moving, holding : bool
+            Whether the motors draw current.
+
+        Returns
+        -------
+        array of float
+            (3,), µT.
         """
         biases, compass = self.biases, self.scenario.compass
         earth = self.mechanics.pan_stage_in_world(0.0).T @ np.array(self.field.enu_ut)
@@ -328,7 +413,20 @@ class World:
         return total
 
     def magnetic_heading_deg(self, pan_deg: float, moving: bool = False) -> float:
-        """Heading of the pan stage's y axis as a levelled talker finds it, calibrated hard iron removed."""
+        """Heading of the pan stage's y axis as a levelled talker finds it, calibrated hard iron removed.
+
+        Parameters
+        ----------
+        pan_deg : float
+            True joint angle.
+        moving : bool
+            Whether a motor moves.
+
+        Returns
+        -------
+        float
+            Of the pan stage, degrees clockwise from magnetic north.
+        """
         stage = self.mechanics.pan_stage_in_world(pan_deg)
         measured = self.field_in_pan_stage(pan_deg, moving) - np.array(self.biases.hard_iron_calibrated_ut)
         east, north, _ = stage @ measured
@@ -337,7 +435,18 @@ class World:
         return float(heading % 360.0)
 
     def pressure_hpa(self, elapsed_s: float) -> float:
-        """True pressure at the camera ``elapsed_s`` after the rig was started; the weather has drifted."""
+        """True pressure at the camera; the weather has drifted.
+
+        Parameters
+        ----------
+        elapsed_s : float
+            Since the rig was started.
+
+        Returns
+        -------
+        float
+            hPa.
+        """
         hours = self.scenario.altimeter.reference_age_h + elapsed_s / 3600.0
         return self.air.pressure_hpa(self.place.altitude_m) + self.biases.weather_drift_hpa_h * hours
 

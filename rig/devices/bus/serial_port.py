@@ -72,6 +72,9 @@ class SerialPort(ClosedOnExit):
     >>> import rig
     >>> with rig.SerialPort(servo_port, 1_000_000) as port:  # servo_port = "/dev/ttyUSB0"
     ...     port.write(bytes.fromhex("ff ff fd 00 01 03 00 01 19 4e"))  # Protocol 2.0: ping servo 1
+    ...     answer = port.read(rig.Deadline.after(1.0))
+    >>> answer[:4].hex(" ")
+    'ff ff fd 00'
     """
 
     def __init__(self, path: str, baud: int) -> None:
@@ -105,7 +108,23 @@ class SerialPort(ClosedOnExit):
         return port
 
     def read(self, deadline: Deadline) -> bytes:
-        """What has arrived, waiting until the deadline for a first byte; empty if none came."""
+        """Take what has arrived.
+
+        Parameters
+        ----------
+        deadline : Deadline
+            Until when a first byte is waited for.
+
+        Returns
+        -------
+        bytes
+            What has arrived; empty if nothing came.
+
+        Raises
+        ------
+        LostPortError
+            The port has gone away and is not back.
+        """
         with self._working() as port:
             readable, _, _ = select.select([port.fileno()], [], [], deadline.remaining_s)
             data: bytes = port.read(_READ_BYTES) if readable else b""
@@ -114,7 +133,18 @@ class SerialPort(ClosedOnExit):
         return data
 
     def write(self, data: bytes) -> None:
-        """Send all of ``data``. A port that does not take it within a second counts as lost."""
+        """Send bytes.
+
+        Parameters
+        ----------
+        data : bytes
+            All of it is sent.
+
+        Raises
+        ------
+        LostPortError
+            The port has gone away, or does not take it within a second.
+        """
         with self._working() as port:
             tap.serial_bytes(self.path, "sent", data)
             port.write(data)

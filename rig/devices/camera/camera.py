@@ -154,9 +154,17 @@ class Camera:
         return self._is_local or self._section.exposure_url is not None
 
     def expose(self, ev: float) -> None:
-        """Expose by ``ev`` stops more than the camera does of itself; 0 leaves it to itself again.
+        """Expose by so many stops more than the camera does of itself.
 
-        Raises ``TransientError`` where a network camera does not take it.
+        Parameters
+        ----------
+        ev : float
+            Stops; 0 leaves it to the camera again.
+
+        Raises
+        ------
+        TransientError
+            A network camera does not take it.
         """
         self._wanted_ev = ev  # a local camera is told by the thread that reads it
         url = self._section.exposure_url
@@ -183,9 +191,26 @@ class Camera:
         return time.monotonic() + self._section.exposure_settle_s
 
     def frames_after(self, monotonic_s: float, count: int) -> list[TimedFrame]:
-        """``count`` frames that arrive no earlier than a moment, which may be to come.
+        """Frames that arrive no earlier than a moment.
 
-        The read timeout holds for each of them.
+        Parameters
+        ----------
+        monotonic_s : float
+            On ``time.monotonic``'s clock; it may be to come.
+        count : int
+            How many.
+
+        Returns
+        -------
+        list of TimedFrame
+            In order.
+
+        Raises
+        ------
+        TransientError
+            One does not come within ``[camera] read_timeout_s`` of the last.
+        DeviceError
+            The camera cannot be opened, or delivers another size than configured.
         """
         frames: list[TimedFrame] = []
         problem = f"has sent no frame for {self._section.read_timeout_s:g} s that is new enough"

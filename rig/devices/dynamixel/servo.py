@@ -96,12 +96,45 @@ class Servo:
         self._counts_wrongly = False
 
     def read(self, register: str) -> int:
-        """A register by the vendor's name, in its own unit."""
+        """Read a register.
+
+        Parameters
+        ----------
+        register : str
+            The vendor's name (e-manual, "Control Table"): ``"Present Position"``.
+
+        Returns
+        -------
+        int
+            In the register's own unit.
+
+        Raises
+        ------
+        TransientError
+            The servo does not answer.
+        DeviceError
+            The servo refuses, or the port is lost.
+        """
         where = self._registers[register]
         return where.decode(self._bus.read(self.servo_id, where.address, where.length))
 
     def write(self, register: str, value: int) -> None:
-        """Write a register by the vendor's name, in its own unit."""
+        """Write a register.
+
+        Parameters
+        ----------
+        register : str
+            The vendor's name (e-manual, "Control Table"): ``"Present Position"``.
+        value : int
+            In the register's own unit.
+
+        Raises
+        ------
+        TransientError
+            The servo does not answer.
+        DeviceError
+            The servo refuses, or the port is lost.
+        """
         where = self._registers[register]
         self._bus.write(self.servo_id, where.address, where.encode(value))
 
@@ -149,6 +182,18 @@ class Servo:
 
         Drive Mode and Operating Mode, and the position limits, are ``configure``'s. Raises what ``require_one_turn`` raises
         where the servo counts the other way round and was turned by hand.
+
+        Parameters
+        ----------
+        firmware : int
+            Its version, from `ServoBus.ping`.
+
+        Raises
+        ------
+        TransientError
+            The servo does not answer.
+        DeviceError
+            The servo refuses, or the port is lost.
         """
         self.torque(False)
         block = self._bus.read(self.servo_id, *_EEPROM)
@@ -223,6 +268,20 @@ class Servo:
         """Position mode within limits that the servo itself keeps, and a speed; leaves the torque off, and has it answer.
 
         The EEPROM is written only where it differs: it wears out, and it can be written only without torque.
+
+        Parameters
+        ----------
+        min_tick, max_tick : int
+            Limits, 0 to 4095.
+        velocity_deg_s, acceleration_deg_s2 : float
+            Of a move.
+
+        Raises
+        ------
+        TransientError
+            The servo does not answer.
+        DeviceError
+            The servo refuses, or the port is lost.
         """
         self.answer_everything()
         self.torque(False)
@@ -240,20 +299,57 @@ class Servo:
         self.set_profile(velocity_deg_s, acceleration_deg_s2)
 
     def set_profile(self, velocity_deg_s: float, acceleration_deg_s2: float) -> None:
-        """How fast the servo goes to its goal. Needed anew after a change of mode, a restart and a tripped
-        watchdog: each of them resets the profile to 0, which means as fast as it can.
+        """Set how fast the servo goes to its goal.
+
+        Needed anew after a change of mode, a restart and a tripped watchdog: each of them resets the profile to 0, which means
+        as fast as it can.
+
+        Parameters
+        ----------
+        velocity_deg_s, acceleration_deg_s2 : float
+            Of a move.
+
+        Raises
+        ------
+        TransientError
+            The servo does not answer.
+        DeviceError
+            The servo refuses, or the port is lost.
         """
         self.write("Profile Acceleration", _units(acceleration_deg_s2, table.ACCELERATION_UNIT_DEG_S2))
         self.write("Profile Velocity", _units(velocity_deg_s, table.VELOCITY_UNIT_DEG_S))
 
     def torque(self, on: bool) -> None:
-        """Hold the position, or let go."""
+        """Hold the position, or let go.
+
+        Parameters
+        ----------
+        on : bool
+            Which of the two.
+
+        Raises
+        ------
+        TransientError
+            The servo does not answer.
+        DeviceError
+            The servo refuses, or the port is lost.
+        """
         self.write("Torque Enable", int(on))
 
     def hold(self, min_tick: int, max_tick: int) -> None:
         """Torque on, with the goal where the servo stands, or at the limit that it stands beyond.
 
-        ``DeviceError``, and the torque off, where it stands beyond one turn: torque would fold the position back into it.
+        Torque folds a position beyond one turn back into it, which would send the head the long way.
+
+        Parameters
+        ----------
+        min_tick, max_tick : int
+            Limits, 0 to 4095.
+
+        Raises
+        ------
+        DeviceError
+            The servo stands beyond one turn, or jumps when the torque comes on. The torque is off then.
         """
         before = self.read("Present Position")
         self.require_one_turn(before)
@@ -270,7 +366,18 @@ class Servo:
             )
 
     def require_one_turn(self, position_tick: int) -> None:
-        """Raise ``DeviceError`` where a position lies beyond one turn: by hand without torque, or by another program."""
+        """Refuse a position beyond one turn.
+
+        Parameters
+        ----------
+        position_tick : int
+            As the servo counts it.
+
+        Raises
+        ------
+        DeviceError
+            By hand without torque, or by another program, the servo was turned too far.
+        """
         if not 0 <= position_tick < table.TICKS_PER_TURN:
             way = "forward" if position_tick > 0 else "backward"
             raise DeviceError(
@@ -281,7 +388,20 @@ class Servo:
             )
 
     def arm_bus_watchdog(self, timeout_s: float) -> None:
-        """Have the servo stop by itself when it hears no packet for ``timeout_s``."""
+        """Have the servo stop by itself when it hears no packet for some time.
+
+        Parameters
+        ----------
+        timeout_s : float
+            0.02 to 2.54 s.
+
+        Raises
+        ------
+        TransientError
+            The servo does not answer.
+        DeviceError
+            The servo refuses, or the port is lost.
+        """
         self.write("Bus Watchdog", _units(timeout_s, table.BUS_WATCHDOG_UNIT_S))
 
     def disarm_bus_watchdog(self) -> None:
@@ -322,7 +442,22 @@ class Servo:
         return ""
 
     def decode_state(self, block: bytes, alert: bool, monotonic_s: float) -> ServoState:
-        """The state in the 25 bytes from register 122 on."""
+        """Decode the state of the servo.
+
+        Parameters
+        ----------
+        block : bytes
+            The 25 bytes from register 122 on.
+        alert : bool
+            The alert bit of the status packet.
+        monotonic_s : float
+            When they were read.
+
+        Returns
+        -------
+        ServoState
+            What they say.
+        """
 
         def value(register: str) -> int:
             return self._registers[register].decode(block, _STATE_ADDRESS)
