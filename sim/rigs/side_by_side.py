@@ -14,6 +14,9 @@ from localizer.errors import SkyfixError
 ENDS_WITHIN_S = 30.0
 """A process that is told to end cleans up; one that takes longer is killed."""
 
+_PROCESSES = multiprocessing.get_context("fork")
+"""Python 3.14 no longer forks unless it is told to; what else there is hands ``one`` over by its name only."""
+
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
@@ -30,7 +33,7 @@ def side_by_side(one: Callable[[Item], Result], items: Sequence[Item], jobs: int
         while waiting or running:
             while waiting and len(running) < jobs:
                 heard, told = multiprocessing.Pipe(duplex=False)
-                process = multiprocessing.Process(target=_work, args=(one, waiting.pop(), told), daemon=True)
+                process = _PROCESSES.Process(target=_work, args=(one, waiting.pop(), told), daemon=True)
                 process.start()
                 running[heard] = process
                 told.close()

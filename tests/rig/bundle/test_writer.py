@@ -151,8 +151,8 @@ set -e
 mount -t tmpfs -o size={size},mode=700 none {folder}
 cd {root}
 exec {python} -c '
-import sys; sys.path[:0] = ["tests/rig"]
-import pathlib, test_bundle_writer as t
+import sys; sys.path[:0] = ["tests/rig", "tests/rig/bundle"]
+import pathlib, test_writer as t
 try:
     t.write_bundle(pathlib.Path("{folder}"), t.measurement(t.frame("N"), t.frame("E", 90.0)))
 except t.BundleWriteError as error:
