@@ -2,7 +2,8 @@
 
 What this package exports is public; every module below it is private, and may change with any version.
 
-A whole rig is described by a configuration file (``configs/vehicle.toml`` explains every key):
+A whole rig is described by a configuration file. ``configs/vehicle.toml``, in an installation ``rig/service/vehicle.toml``,
+explains every key.
 
 >>> import rig
 >>> config = rig.load_config(config_file)

@@ -220,13 +220,16 @@ class World:
 
     @classmethod
     def create(
-        cls, dem_paths: Sequence[Path] = (EMBEDDED_DEM,), scenario: Scenario | None = None, seed: int = 1
+        cls,
+        dem_paths: Sequence[Path | str] = (EMBEDDED_DEM,),
+        scenario: Scenario | None = None,
+        seed: int = 1,
     ) -> "World":
         """Draw a world.
 
         Parameters
         ----------
-        dem_paths : sequence of pathlib.Path
+        dem_paths : sequence of path
             Elevation rasters that adjoin; the terrain that comes with skyfix unless given.
         scenario : Scenario, optional
             What is drawn from; the realistic defaults unless given.
@@ -244,7 +247,7 @@ class World:
             The DEM cannot be read, or no place on it meets the scenario's conditions.
         """
         scenario = scenario or Scenario()
-        surface = Surface(read_terrain(dem_paths))
+        surface = Surface(read_terrain([Path(path) for path in dem_paths]))
         observer = draw_place(surface, scenario, random_generator(seed, _at_stop("place", scenario)))
         return cls.around(surface, observer, scenario, seed)
 
