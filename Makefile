@@ -10,7 +10,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: demo test test-all test-system examples notebook evaluate docs reference figures lint format clean
+.PHONY: demo test test-all test-system test-wheel examples notebook evaluate docs reference figures lint format clean
 
 demo: $(READY)
 	$(BIN)/sim demo --seed $(SEED) --out demo
@@ -34,6 +34,9 @@ examples: $(READY)
 # The notebook anew, from the guide.
 notebook: $(READY)
 	$(BIN)/python docs/generate/notebook.py
+# The wheel: built, installed into an environment of its own, and used from another folder. Compiles the kernels anew.
+test-wheel: $(READY)
+	$(BIN)/pytest tests/packaging -m long
 
 EVALUATE = $(BIN)/sim evaluate $(addprefix --dem ,$(DEMS)) --seed $(SEED) --jobs $(JOBS)
 SCENARIOS = $(sort $(basename $(notdir $(wildcard configs/scenarios/evaluate/*.toml))))

@@ -4,7 +4,7 @@ Drivers raise only ``DeviceError`` and its subclasses; errors of the operating s
 where they occur. Only a ``TransientError`` is retried, and only by ``rig.devices.bus.retry``.
 """
 
-from localizer.errors import SkyfixError
+from localizer.errors import SkyfixError as SkyfixError
 
 
 class RigError(SkyfixError):
@@ -45,8 +45,14 @@ class NoChecksumError(MessageError):
 class DeviceError(RigError):
     """A device is absent, not the configured one, or does not work as it should.
 
-    ``device`` is its name for the operator ("pan servo (id 1) on /dev/ttyUSB0"), ``problem`` what happened, ``remedy``
-    what to do.
+    Attributes
+    ----------
+    device : str
+        The device as an operator would name it: "pan servo (id 1) on /dev/ttyUSB0".
+    problem : str
+        What happened.
+    remedy : str
+        What to do.
     """
 
     def __init__(self, device: str, problem: str, remedy: str) -> None:

@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
+from importlib import metadata
 from pathlib import Path
 
 import click
@@ -57,6 +58,14 @@ def test_help_has_an_example_of_this_very_command(name: str) -> None:
     _, example, rest = result.output.partition("Example")
     assert example, f"{name} --help shows no example"
     assert name in " ".join(rest.split()), f"the example of {name} is of another command"
+
+
+@pytest.mark.parametrize("program", sorted(PROGRAMS))
+def test_each_program_says_its_version_in_one_line(program: str) -> None:
+    result = CliRunner().invoke(PROGRAMS[program], ["--version"], prog_name=program)
+    assert result.exit_code == 0
+    assert result.stdout == f"{program} {metadata.version('skyfix')}\n"
+    assert result.stderr == ""
 
 
 @pytest.mark.parametrize("name", LEAVES)

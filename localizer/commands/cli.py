@@ -27,6 +27,7 @@ def main() -> NoReturn:
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@command_line.version_option("localizer")
 def localizer() -> None:
     """Find out where pictures of the horizon were taken.
 

@@ -169,6 +169,30 @@ class OutputFolder(click.Path):
         return folder
 
 
+def version_option(program: str) -> Callable[[F], F]:
+    """``--version``: one line, the program's name and the version of skyfix that is installed."""
+
+    def show(context: click.Context, _parameter: click.Parameter, asked: bool) -> None:
+        if asked and not context.resilient_parsing:
+            from importlib import metadata  # slow to import, and seldom asked for
+
+            try:
+                version = metadata.version("skyfix")
+            except metadata.PackageNotFoundError:  # the source is run without being installed
+                version = "unknown"
+            click.echo(f"{program} {version}")
+            context.exit()
+
+    return click.option(
+        "--version",
+        is_flag=True,
+        is_eager=True,
+        expose_value=False,
+        callback=show,
+        help="Say which version this is, and end.",
+    )
+
+
 def dem_files_option(meaning: str, *, required: bool = False) -> Callable[[F], F]:
     """``--dem FILE``, as often as wanted; ``meaning`` is its help."""
     return click.option(

@@ -23,13 +23,34 @@ from rig.errors import RigError
 MIN_FREE_BYTES = 20_000_000
 
 
+BundleCamera, BundleAltitude = Camera, Altitude
+"""The camera and the altitude as a bundle describes them."""
+
+
 class BundleWriteError(RigError):
     """The bundle cannot be written into its folder."""
 
 
 @dataclass(frozen=True)
 class FrameRecord:
-    """One frame with its calibrated readings; ``raw`` (JSON values) holds the readings that they were derived from."""
+    """One picture with its calibrated readings.
+
+    Attributes
+    ----------
+    label : str
+        Names the frame, and its file.
+    image_bgr : array of uint8
+        (height, width, 3): blue, green, red.
+    time : datetime
+        When it was taken, with its time zone.
+    azimuth_deg, tilt_deg, roll_deg : float
+        Where the optical axis points: clockwise from true north, above the horizontal; and how far the camera is turned
+        clockwise about it.
+    azimuth_sigma_deg, tilt_sigma_deg, roll_sigma_deg : float
+        One standard deviation of each, independent in each frame.
+    raw : mapping
+        What these were derived from: JSON values.
+    """
 
     label: str
     image_bgr: NDArray[np.uint8]
@@ -45,7 +66,25 @@ class FrameRecord:
 
 @dataclass(frozen=True)
 class Measurement:
-    """The content of a bundle. ``raw`` and ``calibration`` hold JSON values."""
+    """Everything that goes into a bundle.
+
+    Attributes
+    ----------
+    created : datetime
+        With its time zone.
+    camera : BundleCamera
+        Size, intrinsics in pixels, distortion.
+    mast_height_m : float
+        The optical centre above the ground.
+    altitude : BundleAltitude or None
+        Of the optical centre, above the DEM's vertical datum; None without an altimeter.
+    azimuth_bias_sigma_deg, tilt_bias_sigma_deg : float
+        One standard deviation of the errors that all frames share; 180 deg of azimuth without a compass.
+    frames : sequence of FrameRecord
+        One or more.
+    raw, calibration : mapping
+        What all was derived from, and by which calibration: JSON values.
+    """
 
     created: datetime
     camera: Camera
@@ -83,13 +122,53 @@ def existing_part(path: Path) -> Path:
     return path
 
 
-def write_bundle(folder: Path, measurement: Measurement) -> Path:
-    """Write a bundle into ``folder`` (made where absent) and return its directory, named by its id.
+def write_bundle(folder: Path | str, measurement: Measurement) -> Path:
+    """Write a measurement bundle (``skyfix.bundle/1``), for pictures of any rig.
 
-    Written under a hidden name, fsynced, read back with the bundle reader, and renamed. After a failure or an
-    interruption nothing is left behind. ``BundleWriteError`` if the disk refuses; ``BundleError`` if the measurement
-    makes no valid bundle.
+    It is written under a hidden name, brought to the disk, read back as its reader will, and then renamed. Where
+    any of that fails or is interrupted, nothing is left behind.
+
+    Parameters
+    ----------
+    folder : path
+        Where the bundle goes; made where it is absent.
+    measurement : Measurement
+        What goes into it.
+
+    Returns
+    -------
+    pathlib.Path
+        The bundle's directory, named by its id.
+
+    Raises
+    ------
+    BundleWriteError
+        The disk refuses, or a value is none that a bundle may hold.
+    SkyfixError
+        The measurement makes no valid bundle.
+
+    Examples
+    --------
+    >>> import datetime, numpy as np, rig
+    >>> now = datetime.datetime(2026, 11, 23, 4, 31, 51, tzinfo=datetime.timezone.utc)
+    >>> frame = rig.FrameRecord(
+    ...     label="N", image_bgr=np.zeros((480, 640, 3), np.uint8), time=now,
+    ...     azimuth_deg=0.1, azimuth_sigma_deg=0.1, tilt_deg=5.0, tilt_sigma_deg=0.01,
+    ...     roll_deg=-0.3, roll_sigma_deg=0.02, raw={},
+    ... )
+    >>> camera = rig.BundleCamera(
+    ...     width_px=640, height_px=480, fx_px=492.8, fy_px=492.8, cx_px=319.5, cy_px=239.5,
+    ...     distortion=(0.0, 0.0, 0.0, 0.0, 0.0),
+    ... )
+    >>> measurement = rig.Measurement(
+    ...     created=now, camera=camera, mast_height_m=2.0, altitude=rig.BundleAltitude(value_m=1432.6, sigma_m=5.0),
+    ...     azimuth_bias_sigma_deg=0.5, tilt_bias_sigma_deg=0.02, frames=[frame], raw={}, calibration={},
+    ... )
+    >>> folder = rig.write_bundle("bundles", measurement)
+    >>> sorted(path.name for path in folder.iterdir())
+    ['bundle.json', 'frames']
     """
+    folder = Path(folder)
     name = f"{measurement.created:%Y%m%dT%H%M%SZ}-{secrets.token_hex(2)}"
     partial = folder / f".{name}.partial"
     try:

@@ -34,6 +34,7 @@ def main() -> NoReturn:
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@command_line.version_option("rig")
 @click.option("--verbose", is_flag=True, help="Say more about what happens, on standard error.")
 def rig(verbose: bool) -> None:
     """Measure the horizon with a camera on a pan-tilt head.

@@ -15,6 +15,8 @@ from rig.config.problems import joined, wrong_keys, wrong_value
 from rig.errors import ConfigError
 
 ENVIRONMENT_VARIABLE = "SKYFIX_CONFIG"
+EXAMPLE = Path(__file__).parents[1] / "service" / "vehicle.toml"
+"""Explains each key. In the repository a link to ``configs/vehicle.toml``, where it is edited."""
 
 
 def config_path(given: Path | None, environment: Mapping[str, str] = os.environ) -> Path:
@@ -24,15 +26,36 @@ def config_path(given: Path | None, environment: Mapping[str, str] = os.environ)
     if environment.get(ENVIRONMENT_VARIABLE):
         return Path(environment[ENVIRONMENT_VARIABLE])
     raise ConfigError(
-        f"no configuration: give --config FILE or set {ENVIRONMENT_VARIABLE} (example: configs/vehicle.toml)"
+        f"no configuration: give --config FILE or set {ENVIRONMENT_VARIABLE} (example: {EXAMPLE})"
     )
 
 
-def load_config(path: Path) -> RigConfig:
-    """Read and check a configuration file. Relative paths in it are resolved against the file's folder.
+def load_config(path: Path | str) -> RigConfig:
+    """Read and check a rig's configuration file, with the calibrations that it names.
 
-    ``ConfigError``, one line, names the file, the section and the key; for a misspelt key also the likely one.
+    Parameters
+    ----------
+    path : path
+        A TOML file; ``configs/vehicle.toml`` explains every key. Paths in it count from its folder.
+
+    Returns
+    -------
+    RigConfig
+        Its sections are attributes: ``config.pan_tilt``, ``config.inclinometer``, ``config.camera`` and so on.
+
+    Raises
+    ------
+    ConfigError
+        The message, one line, names the file, the section and the key, and for a misspelt key the likely one.
+
+    Examples
+    --------
+    >>> import rig
+    >>> config = rig.load_config(config_file)  # config_file = "vehicle.toml"
+    >>> config.inclinometer.chip, config.camera.width_px
+    ('adxl355', 160)
     """
+    path = Path(path)
     try:
         tables = read_toml(path)
     except OSError as error:

@@ -18,7 +18,15 @@ _log = logging.getLogger(__name__)
 
 
 class RigConfig(AllSections):
-    """The whole configuration. ``calibrations`` are those that have replaced keys."""
+    """The whole configuration file: immutable, checked, every key with its unit in its name.
+
+    Attributes
+    ----------
+    rig, place, pan_tilt, inclinometer, compass, altimeter, camera, capture, calibration, run : section
+        The file's tables; None where a table may be absent and is. ``configs/vehicle.toml`` explains each key.
+    calibrations : tuple
+        Those that have replaced keys of the sections.
+    """
 
     _calibrations: tuple[AppliedCalibration, ...] = PrivateAttr(default=())
 

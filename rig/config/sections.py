@@ -140,7 +140,16 @@ class KeepOut(Section):
 
 
 class PanTiltSection(Section):
-    """``[pan_tilt]``: two Dynamixel X servos on one bus."""
+    """``[pan_tilt]``: two Dynamixel X servos on one bus.
+
+    Examples
+    --------
+    >>> import rig
+    >>> servo = {"model": "XM430-W350", "zero_tick": 2048, "direction": 1, "min_deg": -40.0, "max_deg": 60.0}
+    >>> axes = {"pan": {"id": 1, **servo}, "tilt": {"id": 2, **servo}}
+    >>> rig.PanTiltSection.model_validate({"port": "/dev/ttyUSB0", **axes}).velocity_deg_s
+    90.0
+    """
 
     port: Port
     """Serial port of the bus. A name below ``/dev/serial/by-id`` stays the same when devices are plugged in anew."""
@@ -330,7 +339,16 @@ AltimeterSection = I2cAltimeterSection | SerialAltimeterSection
 
 
 class CameraSection(Section):
-    """``[camera]``: source of the pictures, lens, and mounting in the head."""
+    """``[camera]``: where the pictures come from, the lens, and how the camera sits in the head.
+
+    Examples
+    --------
+    >>> import rig
+    >>> lens = {"fx_px": 492.8, "fy_px": 492.8, "cx_px": 319.5, "cy_px": 239.5}
+    >>> section = rig.CameraSection.model_validate({"source": "/dev/video0", "width_px": 640, "height_px": 480, **lens})
+    >>> section.is_local
+    True
+    """
 
     source: Annotated[int | str, BeforeValidator(_camera_source)]
     """V4L2 device or its number, the URL of a stream (http, rtsp), or the URL of a picture (http), which is fetched for

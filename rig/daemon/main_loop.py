@@ -11,7 +11,7 @@ import structlog
 
 from localizer.errors import SkyfixError
 from rig import clock
-from rig.config.load import load_config
+from rig.config.load import EXAMPLE, load_config
 from rig.config.model import RigConfig
 from rig.config.run import RunSection
 from rig.daemon.captures import Captures
@@ -54,9 +54,7 @@ class NextConfiguration:
 def run_of(config: RigConfig, path: Path) -> RunSection:
     """``[run]`` of a configuration. ``ConfigError`` where there is none."""
     if config.run is None:
-        raise ConfigError(
-            f"{path}: has no [run]: rig run needs at least its dem (example: configs/vehicle.toml)"
-        )
+        raise ConfigError(f"{path}: has no [run]: rig run needs at least its dem (example: {EXAMPLE})")
     return config.run
 
 

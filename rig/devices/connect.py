@@ -38,7 +38,25 @@ Altimeter = Sensor[PressureReading]
 
 @dataclass(frozen=True)
 class Rig:
-    """All open devices; None for one that is not configured."""
+    """All devices of a rig, open.
+
+    Attributes
+    ----------
+    config : RigConfig
+        That they were opened by.
+    pan_tilt : PanTilt
+        The head.
+    inclinometer : Sensor of AccelerationReading
+        In the head. Sensors have ``identify()`` and ``read_many(duration_s)``, and are set up anew after a failed reading.
+    compass : Sensor of FieldReading or of HeadingReading, or None
+        On the pan stage: a magnetometer chip or a talker; None where there is none.
+    altimeter : Sensor of PressureReading, or None
+        The barometer; None where there is none.
+    camera : Camera
+        In the head.
+    readers : concurrent.futures.Executor
+        Threads for sensors that are read at the same time; no sensor in two at once.
+    """
 
     config: RigConfig
     pan_tilt: PanTilt
@@ -47,7 +65,6 @@ class Rig:
     altimeter: Altimeter | None
     camera: Camera
     readers: Executor
-    """Threads for reading sensors in parallel; each sensor is read by one thread at a time."""
 
 
 def open_inclinometer(section: InclinometerSection) -> Inclinometer:
@@ -102,11 +119,43 @@ def open_pan_tilt(section: PanTiltSection) -> PanTilt:
 
 @contextmanager
 def connect(config: RigConfig, *, skip_failed_sensors: bool = False) -> Iterator[Rig]:
-    """Open all devices and check their identities; on exit switch the head's torque off and close everything.
+    """Open all devices of a configuration and check their identities.
 
-    Raises what the drivers raise for the first device that is absent, broken or not the configured one. With
-    ``skip_failed_sensors`` a compass or an altimeter that fails is left out (also of the rig's ``config``) and noted:
-    a capture is possible without them.
+    At the end of the ``with`` block they are closed whatever happens, the head's torque off first.
+
+    Parameters
+    ----------
+    config : RigConfig
+        From `load_config`.
+    skip_failed_sensors : bool
+        Leave a compass or an altimeter out that cannot be opened, out of the rig's ``config`` too, and note that: without
+        them there are measurements still.
+
+    Yields
+    ------
+    Rig
+        The devices.
+
+    Raises
+    ------
+    WrongDeviceError
+        Another chip or servo answers than is configured.
+    TransientError
+        A device does not answer.
+    DeviceError
+        A device is absent, in use, or broken.
+
+    Examples
+    --------
+    >>> import rig
+    >>> config = rig.load_config(config_file)  # config_file = "vehicle.toml"
+    >>> with rig.connect(config) as devices:
+    ...     print(devices.inclinometer.identify())
+    ...     pressure_hpa = devices.altimeter.read_many(0.2)[0].pressure_hpa
+    ...     state = devices.pan_tilt.state()
+    ADXL355 at 0x1D on ..., revision 1
+    >>> 300.0 < pressure_hpa < 1100.0, state.moving
+    (True, False)
     """
     with ExitStack() as stack:
         camera = stack.enter_context(Camera(config.camera))  # opens in its own thread meanwhile

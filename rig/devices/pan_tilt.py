@@ -46,9 +46,24 @@ class StoppedError(TransientError):
 
 @dataclass(frozen=True)
 class HeadState:
-    """State of the head; pairs are (pan, tilt), volts in V, temps in °C.
+    """Where the head is and how its servos are.
 
-    ``alerts`` are sentences with the servo and its hardware error; empty if there are none.
+    Attributes
+    ----------
+    pan_deg, tilt_deg : float
+        The joints' angles.
+    moving : bool
+        Whether a servo moves.
+    ticks : tuple of int
+        Positions of (pan, tilt), 4096 to one turn.
+    volts : tuple of float
+        Supply voltages of (pan, tilt), V.
+    temps : tuple of float
+        Temperatures of (pan, tilt), °C.
+    alerts : tuple of str
+        Sentences that name a servo and its hardware error; empty where all is well.
+    monotonic_s : float
+        When, on ``time.monotonic``'s clock.
     """
 
     pan_deg: float
@@ -62,13 +77,39 @@ class HeadState:
 
 
 class PanTilt:
-    """The head, connected, torque off. Use it as a context manager: leaving it switches the torque off.
+    """The pan-tilt head of two Dynamixel X servos, connected and without torque; leaving a ``with`` block switches it off.
 
-    Connecting checks presence and model of both servos, resets settings of other programs, and configures mode, limits
-    and speed. Raises ``DeviceError`` if port or servos are absent, wrong or broken.
+    Connecting checks that both servos are there and of the configured model, undoes what other programs have left in them,
+    and gives them mode, limits and speed.
 
-    ``move_to`` enables the servos' bus watchdog, and ``wait_settled`` disables it once the head is stationary: the head
-    stops if the program dies during a move, and a program that measures for seconds need not send packets.
+    The servos' own bus watchdog is armed by ``move_to`` and disarmed once ``wait_settled`` has seen the head
+    stand: a program that dies lets the head stop, and one that measures for some seconds need not talk to it.
+
+    Parameters
+    ----------
+    parameters : PanTiltSection
+        ``[pan_tilt]`` of a configuration: port, ids, models, limits, speeds.
+
+    Raises
+    ------
+    DeviceError
+        Port or servos are absent, others, or broken.
+
+    Examples
+    --------
+    >>> import rig
+    >>> servo = {"model": "XM430-W350", "zero_tick": 2048, "direction": 1}
+    >>> section = rig.PanTiltSection.model_validate(
+    ...     {
+    ...         "port": servo_port,  # "/dev/ttyUSB0"
+    ...         "pan": {"id": 1, "min_deg": -170.0, "max_deg": 170.0, **servo},
+    ...         "tilt": {"id": 2, "min_deg": -40.0, "max_deg": 60.0, **servo},
+    ...     }
+    ... )
+    >>> with rig.PanTilt(section) as head:
+    ...     state = head.go_to(pan_deg=10.0, tilt_deg=5.0)
+    >>> print(f"pan {state.pan_deg:.0f}, tilt {state.tilt_deg:.0f} deg at {state.volts[0]:.1f} V")
+    pan 10, tilt 5 deg at 12.0 V
     """
 
     def __init__(self, parameters: PanTiltParameters) -> None:
@@ -141,8 +182,26 @@ class PanTilt:
     def go_to(self, pan_deg: float, tilt_deg: float) -> HeadState:
         """Move to both angles, around the keep-out zones, and wait until the head has settled.
 
-        A head that lost its torque or was stopped by its bus watchdog is set up again and continues. Raises as
-        ``move_to`` and ``wait_settled``.
+        A head that lost its torque or was stopped by its bus watchdog on the way is set up anew and sent on.
+
+        Parameters
+        ----------
+        pan_deg : float
+            Clockwise-positive seen from above, from where the pan servo stands at its ``zero_tick``.
+        tilt_deg : float
+            Up-positive.
+
+        Returns
+        -------
+        HeadState
+            Where it stands.
+
+        Raises
+        ------
+        GoalError
+            An angle is outside its limits, or in a keep-out zone. Nothing has moved.
+        DeviceError
+            A servo reports a hardware error, stopped on the way, or cannot be commanded.
         """
         self._goal_ticks(pan_deg, tilt_deg)
         state = self.state()
@@ -187,9 +246,17 @@ class PanTilt:
     def move_to(self, pan_deg: float, tilt_deg: float) -> None:
         """Start a direct move to both angles; ``wait_settled`` waits for its end.
 
-        Raises ``GoalError`` before anything moves if an angle is outside its limits or the path leads through a
-        keep-out zone, ``DeviceError`` if a servo has a hardware error, was turned beyond its range by hand, or cannot
-        be commanded.
+        Parameters
+        ----------
+        pan_deg, tilt_deg : float
+            As for `go_to`.
+
+        Raises
+        ------
+        GoalError
+            An angle is outside its limits, or the way leads through a keep-out zone. Nothing has moved.
+        DeviceError
+            A servo reports a hardware error, was turned beyond its range by hand, or cannot be commanded.
         """
         goals = self._goal_ticks(pan_deg, tilt_deg)
         if self._astray:
@@ -216,7 +283,18 @@ class PanTilt:
         self._goal_deg = pan_deg, tilt_deg
 
     def require_one_turn(self, state: HeadState) -> None:
-        """Raise ``DeviceError`` if a servo was turned beyond one turn by hand: torque would move it the long way."""
+        """Refuse a head that was turned out of its range by hand: torque would send it the long way.
+
+        Parameters
+        ----------
+        state : HeadState
+            From `state`.
+
+        Raises
+        ------
+        DeviceError
+            The message names the servo.
+        """
         for servo, tick in zip(self._servos, state.ticks, strict=True):
             servo.require_one_turn(tick)
 
@@ -250,7 +328,18 @@ class PanTilt:
             retry(partial(servo.arm_bus_watchdog, self._parameters.bus_watchdog_ms / 1000))
 
     def state(self) -> HeadState:
-        """Angles and servo health, from one sync read. Raises ``DeviceError`` with the name of a silent servo."""
+        """Angles and health, from one sync read.
+
+        Returns
+        -------
+        HeadState
+            At this moment.
+
+        Raises
+        ------
+        DeviceError
+            A servo is silent; the message names it.
+        """
         states = retry(partial(read_states, self._bus, self._servos))
         pan, tilt = states
         state = HeadState(
@@ -284,11 +373,24 @@ class PanTilt:
             raise DeviceError(_HEAD, problem, "remove the cause, then power-cycle the servos")
 
     def wait_settled(self, timeout_s: float | None = None) -> HeadState:
-        """Wait until the head is stationary: no servo moving and no position changing for 0.2 s. Returns the state
-        then.
+        """Wait until the head stands: no servo moving and no position changing for 0.2 s.
 
-        Polling resets the bus watchdog. ``timeout_s`` is by default the configured ``settle_timeout_s``. Raises
-        ``DeviceError`` if the head still moves then, reports a hardware error, or is away from its goal.
+        Asking keeps the bus watchdog fed.
+
+        Parameters
+        ----------
+        timeout_s : float, optional
+            How long to wait, in seconds; by default the configured ``settle_timeout_s``.
+
+        Returns
+        -------
+        HeadState
+            The state then.
+
+        Raises
+        ------
+        DeviceError
+            The head still moves then, reports a hardware error, or stands away from its goal.
         """
         deadline = Deadline.after(self._parameters.settle_timeout_s if timeout_s is None else timeout_s)
         state = self.state()
@@ -367,7 +469,13 @@ class PanTilt:
             )
 
     def relax(self) -> None:
-        """Torque off for each servo, even if another fails. Raises ``DeviceError`` with all that failed."""
+        """Torque off, for each servo even where another fails.
+
+        Raises
+        ------
+        DeviceError
+            It could not be switched off; the message names all servos that failed.
+        """
         self._goal_deg = None
         self._holding.clear()
         failures = []

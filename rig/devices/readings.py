@@ -10,9 +10,20 @@ from typing import Literal
 
 @dataclass(frozen=True)
 class AccelerationReading:
-    """Specific force along the chip's axes, g: at rest +1 along the axis that points up.
+    """Specific force along the chip's axes: at rest +1 g along the axis that points up.
 
-    ``z_g`` is None for a two-axis inclinometer.
+    Attributes
+    ----------
+    x_g, y_g : float
+        Along the chip's own axes, g.
+    z_g : float or None
+        None of an inclinometer of two axes.
+    temperature_c : float
+        Of the chip.
+    monotonic_s : float
+        When, on ``time.monotonic``'s clock.
+    utc : datetime
+        When, by the wall clock.
     """
 
     x_g: float
@@ -25,9 +36,20 @@ class AccelerationReading:
 
 @dataclass(frozen=True)
 class FieldReading:
-    """Magnetic field along the chip's axes, µT, without the sensor's offset, which is kept for diagnosis.
+    """Magnetic field along the chip's axes, free of the sensor's offset, which is kept for diagnosis.
 
-    ``temperature_c`` is None if the chip does not report it; nothing depends on it.
+    Attributes
+    ----------
+    x_ut, y_ut, z_ut : float
+        Along the chip's own axes, µT.
+    offset_ut : tuple of float
+        The sensor's own zero along the three axes, µT.
+    temperature_c : float or None
+        None where the chip does not tell it: nothing is derived from it.
+    monotonic_s : float
+        When, on ``time.monotonic``'s clock.
+    utc : datetime
+        When, by the wall clock.
     """
 
     x_ut: float
@@ -41,12 +63,30 @@ class FieldReading:
 
 @dataclass(frozen=True)
 class HeadingReading:
-    """A compass talker's heading of its lubber line, clockwise from magnetic or true north.
+    """What a compass talker says: where its lubber line points.
 
-    ``variation_deg`` is the magnetic variation sent by the talker, east positive; pitch and roll as the talker defines
-    them. Each is None if not sent. ``source`` is the sentence's address ("HCHDG"), ``deviation_deg`` the sent
-    deviation, already included in the heading, ``resolution_deg`` one unit of the last digit; ``estimated`` marks dead
-    reckoning.
+    Attributes
+    ----------
+    heading_deg : float
+        Clockwise from ``reference``.
+    reference : {"magnetic", "true"}
+        The north that it counts from.
+    variation_deg : float or None
+        The magnetic variation that the talker itself sends, east positive; None where it sends none.
+    pitch_deg, roll_deg : float or None
+        As the talker defines them; None where it does not send them.
+    monotonic_s : float
+        When, on ``time.monotonic``'s clock.
+    utc : datetime
+        When, by the wall clock.
+    source : str
+        The sentence's address: ``"HCHDG"``.
+    deviation_deg : float
+        What the talker says of its own deviation; it is in the heading already.
+    resolution_deg : float
+        One unit of the last digit that it sends.
+    estimated : bool
+        Whether it is a heading by dead reckoning.
     """
 
     heading_deg: float
@@ -64,9 +104,24 @@ class HeadingReading:
 
 @dataclass(frozen=True)
 class PressureReading:
-    """Air pressure at the sensor; ``temperature_c`` is the chip's or the talker's, None if not sent. ``resolution_hpa``
-    is one unit of a talker's last digit, ``source`` its sentence and transducer, ``remark`` a correction that was
-    applied.
+    """Air pressure where the sensor is.
+
+    Attributes
+    ----------
+    pressure_hpa : float
+        Not reduced to sea level.
+    temperature_c : float or None
+        Of the chip, or what the talker says; None where it says nothing.
+    monotonic_s : float
+        When, on ``time.monotonic``'s clock.
+    utc : datetime
+        When, by the wall clock.
+    resolution_hpa : float
+        One unit of the last digit that a talker sends.
+    source : str
+        The talker's sentence and transducer.
+    remark : str or None
+        What was put right in it.
     """
 
     pressure_hpa: float

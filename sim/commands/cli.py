@@ -53,7 +53,7 @@ def _world_options(function: Callable[P, T]) -> Callable[P, T]:
             "scenario_path",
             type=click.Path(path_type=Path),
             metavar="FILE",
-            help="TOML file with the sizes of the error sources and the devices that are fitted.",
+            help="Sizes of the error sources and the devices that are fitted: a TOML file, or default, ideal or uncalibrated.",
         ),
         _seed_option,
         dem_option,
@@ -74,6 +74,7 @@ def _dems(dem_paths: Sequence[Path]) -> list[Path]:
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@command_line.version_option("sim")
 def sim() -> None:
     """A simulated rig over real terrain.
 

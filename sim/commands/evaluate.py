@@ -20,7 +20,7 @@ from sim.commands.failures import one_line_failures
     "scenario_path",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="TOML file with the errors that are drawn; see configs/scenarios/evaluate.",
+    help="TOML file with the errors that are drawn, or one that comes with skyfix: evaluate/realistic, evaluate/cloud ...",
 )
 @click.option(
     "--out",
@@ -88,7 +88,7 @@ def evaluate(
     With --photos: evaluates skylines in real photographs, and positions from them; --out is optional. Ends with 5 if a
     wrong place got a fix.
 
-    Example: sim evaluate --dem dem.tif --scenario configs/scenarios/evaluate/realistic.toml --cases 200 --out results
+    Example: sim evaluate --dem dem.tif --scenario evaluate/realistic --cases 200 --out results
     """
     if photos_dir is not None:
         _refuse_what_is_of_cases()

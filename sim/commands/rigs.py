@@ -12,12 +12,12 @@ import click
 from localizer.commands.command_line import OutputFolder
 from sim.commands.failures import one_line_failures
 from sim.commands.options import EMBEDDED_DEM, dem_option
+from sim.shipped_files import SCENARIOS
 
 if TYPE_CHECKING:
     from sim.rigs.calibration_trial import RigResult
 
-HERE = Path(__file__).parents[1]
-UNCALIBRATED = HERE.parent / "configs" / "scenarios" / "uncalibrated.toml"
+UNCALIBRATED = SCENARIOS / "uncalibrated.toml"
 OUTSIDE = 5
 
 
@@ -41,7 +41,7 @@ OUTSIDE = 5
     "scenario_path",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Sizes of the errors; by default configs/scenarios/uncalibrated.toml.",
+    help="Sizes of the errors: a file, or a scenario that comes with skyfix; by default uncalibrated.",
 )
 @dem_option
 @click.option(

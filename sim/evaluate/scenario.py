@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from sim.shipped_files import SCENARIOS
 from sim.world.scenario import CameraOptics, Finite, NonNegative, Place, Positive, Section, Weather, read_toml
 
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
@@ -148,4 +149,4 @@ def load_evaluation_scenario(path: Path) -> EvaluationScenario:
     Raises:
         SimulationError: the file cannot be read, is no TOML, or has an unknown key or a bad value.
     """
-    return read_toml(path, EvaluationScenario, "configs/scenarios/evaluate/realistic.toml")
+    return read_toml(path, EvaluationScenario, SCENARIOS / "evaluate" / "realistic.toml")

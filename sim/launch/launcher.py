@@ -66,7 +66,31 @@ TILT = Joint("tilt", 2, zero_tick=1992, direction=-1, min_deg=-40.0, max_deg=60.
 
 @dataclass(frozen=True)
 class SimulatedRig:
-    """Running fake devices. Tests may inject faults through its fields; programs only get the two paths."""
+    """Fake devices that run. Tests reach into them to break something; programs only get the two paths.
+
+    Attributes
+    ----------
+    config_path : pathlib.Path
+        A rig configuration that points at the fake devices (``SKYFIX_CONFIG``).
+    truth_path : pathlib.Path
+        A JSON file with the truth (``SKYFIX_TRUTH``); only tests and evaluations may read it.
+    environment : dict of str
+        Both, as environment variables for a command that is started.
+    world : World
+        That they measure.
+    pan, tilt : Servo
+        The two servos on ``servo_bus``.
+    servo_bus : ServoBus
+        Their serial line.
+    i2c : I2cBridge
+        The chips' buses; ``i2c.url(number)`` is what a configuration names.
+    camera : CameraStream
+        An MJPEG stream over HTTP; its ``url`` is what a configuration names.
+    talkers : tuple of Talker
+        Those of compass and altimeter that send sentences.
+    stage, clock_steps, eye
+        Of the fault scripts and of the view.
+    """
 
     config_path: Path
     truth_path: Path
@@ -90,11 +114,26 @@ class SimulatedRig:
         return {name: str(path) for name, path in paths.items()}
 
     def truth(self) -> dict[str, Any]:
-        """The present truth."""
+        """The truth at this moment.
+
+        Returns
+        -------
+        dict
+            JSON values: ``lat_deg``, ``lon_deg``, ``easting_m``, ``northing_m``, ``crs``, ``row``, ``col``, ``ground_m``,
+            ``altitude_m``, ``base_attitude``, ``biases`` and more.
+        """
         return self.world.truth_json()
 
     def go(self, speed_m_s: float, course_deg: float) -> None:
-        """Let the vehicle drive: its odometer reports it and its inclinometer vibrates, until ``stand_at``."""
+        """Have the vehicle drive: its odometer says so, and its inclinometer is shaken, until it stands somewhere.
+
+        Parameters
+        ----------
+        speed_m_s : float
+            Over the ground.
+        course_deg : float
+            Clockwise from true north.
+        """
         vehicle = self.world.vehicle
         vehicle.speed_m_s, vehicle.course_deg, vehicle.shaken_mg = speed_m_s, course_deg % 360.0, SHAKING_MG
 
@@ -106,11 +145,26 @@ class SimulatedRig:
         pitch_deg: float = 0.0,
         roll_deg: float = 0.0,
     ) -> dict[str, Any]:
-        """Place the vehicle elsewhere while all devices run; returns the truth there, which the truth file then holds
-        too.
+        """Put the vehicle elsewhere while all devices run.
 
-        Raises:
-            SimulationError: the DEM has no height there.
+        Parameters
+        ----------
+        lat_deg, lon_deg : float
+            WGS84.
+        heading_deg : float
+            Of the vehicle, clockwise from true north.
+        pitch_deg, roll_deg : float
+            How it leans there.
+
+        Returns
+        -------
+        dict
+            The truth there, which the truth's file says, too.
+
+        Raises
+        ------
+        SimulationError
+            The DEM has no height there.
         """
         vehicle = self.world.vehicle
         standpoint = self.world.standpoint_at(lat_deg, lon_deg)
@@ -127,7 +181,7 @@ class SimulatedRig:
 
 @contextmanager
 def simulated_rig(
-    world: World,
+    world: World | None = None,
     *,
     picture: Picture | None = None,
     bundle_dir: Path | None = None,
@@ -136,14 +190,50 @@ def simulated_rig(
     say: Callable[[str], None] = lambda what: None,
     dem_paths: Sequence[Path] = (),
 ) -> Iterator[SimulatedRig]:
-    """Run the devices of ``world`` while the context lasts.
+    """Run fakes of all devices of a rig while the ``with`` block lasts: servos, chips, talkers and a camera.
 
-    ``picture`` renders the camera's view from its axes in east, north, up (3, 3): (height, width, 3), BGR; by default
-    the world's terrain and sky. ``bundle_dir`` is the rig's default folder for bundles: ``bundles`` in the current
-    folder. ``calibration`` names calibration files in the configuration, by kind. ``faults`` are injected, and ``say``
-    is called for each. With ``dem_paths`` the configuration has a ``[run]`` section for the daemon, which searches
-    these and keeps its spool beside the bundles.
+    Parameters
+    ----------
+    world : World, optional
+        What they measure; ``World.create()`` unless given.
+    picture : callable, optional
+        Draws what the camera sees: called with the camera's axes (columns) in east, north, up (3, 3) and a
+        ``numpy.random.Generator``, returns (height, width, 3), uint8, blue, green, red. The world's terrain and sky unless
+        given.
+    bundle_dir : pathlib.Path, optional
+        Where the rig puts bundles when not told otherwise; ``bundles`` in the current folder.
+    calibration : mapping of str to pathlib.Path, optional
+        Calibration files that the configuration names, by their kind.
+    faults : sequence of Fault
+        What goes wrong, and when.
+    say : callable
+        Hears what the fault script does.
+    dem_paths : sequence of pathlib.Path
+        With these the configuration has a ``[run]`` for the daemon, which searches them and keeps its spool beside the bundles.
+
+    Yields
+    ------
+    SimulatedRig
+        Paths, environment and truth for whoever uses it.
+
+    Raises
+    ------
+    SimulationError
+        Of ``World.create``.
+
+    Examples
+    --------
+    >>> import rig, sim
+    >>> world = sim.World.create(seed=7, scenario=small_camera)
+    >>> with sim.simulated_rig(world) as simulated:
+    ...     config = rig.load_config(simulated.config_path)
+    ...     with rig.connect(config) as devices:
+    ...         pressure_hpa = devices.altimeter.read_many(0.1)[0].pressure_hpa
+    ...     truth = simulated.truth()
+    >>> print(f"{pressure_hpa:.0f} hPa at {truth['altitude_m']:.0f} m")
+    950 hPa at 571 m
     """
+    world = World.create() if world is None else world
     scene_camera = SceneCamera(world, picture)
     start_s = time.monotonic()
 

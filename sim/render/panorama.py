@@ -41,7 +41,17 @@ STRIPE = 16  # columns that one task draws: neighbours share cache lines of the 
 
 @dataclass(frozen=True)
 class Panorama:
-    """Blue, green, red (rows, columns, 3): row 0 at ``top_deg``, column 0 at true north, in equal steps."""
+    """The whole view from one place, in equal steps of azimuth and elevation angle.
+
+    Attributes
+    ----------
+    image : array of uint8
+        (rows, columns, 3): blue, green, red. Row 0 is at ``top_deg``, column 0 at true north; columns go clockwise.
+    step_deg : float
+        From one row or column to the next.
+    top_deg : float
+        Elevation angle of row 0.
+    """
 
     image: NDArray[np.uint8]
     step_deg: float
@@ -49,7 +59,27 @@ class Panorama:
 
 
 def render_panorama(world: World) -> Panorama:
-    """Render everything that the world's camera can see, at its resolution."""
+    """Draw everything that the world's camera can see, as finely as it can resolve.
+
+    Parameters
+    ----------
+    world : World
+        Its place, weather and camera.
+
+    Returns
+    -------
+    Panorama
+        All azimuths, and elevation angles from -40 to 65 degrees.
+
+    Examples
+    --------
+    >>> import sim
+    >>> world = sim.World.create(seed=7, scenario=small_camera)  # or any scenario
+    >>> panorama = sim.render_panorama(world)
+    >>> rows, columns, _ = panorama.image.shape
+    >>> round(columns * panorama.step_deg), round(rows * panorama.step_deg)
+    (360, 105)
+    """
     finest_deg = max(float(np.degrees(STEP_PX / world.scenario.camera.fx_px)), MIN_STEP_DEG)
     columns = 2 * int(np.ceil(180.0 / finest_deg))
     step_deg = 360.0 / columns

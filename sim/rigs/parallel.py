@@ -14,6 +14,9 @@ from localizer.errors import SkyfixError
 ENDS_WITHIN_S = 30.0
 """Time for the clean-up of a terminated process before it is killed."""
 
+_PROCESSES = multiprocessing.get_context("fork")
+"""Python 3.14 no longer forks unless it is told to; what else there is hands ``one`` over by its name only."""
+
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
@@ -30,7 +33,7 @@ def run_in_parallel(one: Callable[[Item], Result], items: Sequence[Item], jobs: 
         while waiting or running:
             while waiting and len(running) < jobs:
                 heard, result_pipe = multiprocessing.Pipe(duplex=False)
-                process = multiprocessing.Process(
+                process = _PROCESSES.Process(
                     target=_work, args=(one, waiting.pop(), result_pipe), daemon=True
                 )
                 process.start()

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from sim.devices.x_series import MODELS
 from sim.errors import SimulationError
+from sim.shipped_files import SCENARIOS, scenario_file
 
 InclinometerChip = Literal["adxl355", "iis2iclx"]
 SolderedInclinometer = Literal["adxl355", "adxl357", "iis2iclx", "ism330dhcx"]
@@ -221,7 +222,22 @@ class CameraOptics(Section):
 
 
 class Scenario(Section):
-    """All parameters of a simulated world, besides the terrain and the seed."""
+    """Everything that a simulated world is drawn from, besides the terrain and the seed.
+
+    ``configs/scenarios/default.toml`` explains each key.
+
+    Attributes
+    ----------
+    place, vehicle, boresight, servo, inclinometer, compass, altimeter, weather, camera : section
+        The file's tables, realistic unless given.
+
+    Examples
+    --------
+    >>> import sim
+    >>> overcast = sim.Scenario.model_validate({"weather": {"sky": "overcast"}, "compass": {"kind": "hdg"}})
+    >>> overcast.compass.kind, overcast.inclinometer.chip
+    ('hdg', 'adxl355')
+    """
 
     place: Place = Place()
     vehicle: Vehicle = Vehicle()
@@ -234,25 +250,45 @@ class Scenario(Section):
     camera: CameraOptics = CameraOptics()
 
 
-def load_scenario(path: Path | None) -> Scenario:
-    """Read a scenario from a TOML file; the realistic defaults without one.
+def load_scenario(path: Path | str | None) -> Scenario:
+    """Read a scenario.
 
-    Raises:
-        SimulationError: the file cannot be read, is no TOML, or has a key or value that a scenario does not
-        have.
+    Parameters
+    ----------
+    path : path or None
+        A TOML file, or the name of a scenario that comes with skyfix (``"ideal"``, ``"uncalibrated"``); the realistic defaults
+        for None.
+
+    Returns
+    -------
+    Scenario
+        What the file does not say is as in the defaults.
+
+    Raises
+    ------
+    SimulationError
+        The file cannot be read, is no TOML, or has a key or value that a scenario does not have.
+
+    Examples
+    --------
+    >>> import sim
+    >>> sim.load_scenario("ideal").compass.noise_ut
+    0.0
+    >>> sim.load_scenario(sim.SCENARIOS / "default.toml") == sim.Scenario()
+    True
     """
-    return Scenario() if path is None else read_toml(path, Scenario, "configs/scenarios/default.toml")
+    return Scenario() if path is None else read_toml(Path(path), Scenario, SCENARIOS / "default.toml")
 
 
-def read_toml(path: Path, model: type[Model], example: str) -> Model:
-    """Read a TOML file into ``model``; ``example`` names a correct file for errors.
+def read_toml(path: Path, model: type[Model], example: Path) -> Model:
+    """Read a TOML file, or the scenario of that name that comes with skyfix; ``example`` is a file that does it right.
 
     Raises:
         SimulationError: the file cannot be read, is no TOML, or has a key or value that the model does not have.
     """
     from sim.documents import toml_file  # of the commands only; ``Scenario`` does not need it
 
-    content = toml_file("scenario", path)
+    content = toml_file("scenario", scenario_file(path))
     try:
         return model.model_validate(content)
     except ValidationError as error:

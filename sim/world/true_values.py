@@ -23,7 +23,21 @@ KELVIN = 273.15
 
 @dataclass(frozen=True)
 class TruePlace:
-    """The vehicle's place; ``row`` and ``col`` in the DEM file's grid, cell centres at whole numbers."""
+    """Where the vehicle stands.
+
+    Attributes
+    ----------
+    lat_deg, lon_deg : float
+        WGS84.
+    easting_m, northing_m : float
+        In ``crs``: the DEM's own where that is projected, else a UTM zone.
+    crs : str
+        Its name, ``"EPSG:32610"``.
+    row, col : float
+        In the DEM file's grid, cell centres at whole numbers.
+    ground_m, altitude_m : float
+        Of the triangulated surface, and of the camera's optical centre, above the DEM's vertical datum.
+    """
 
     lat_deg: float
     lon_deg: float

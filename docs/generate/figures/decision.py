@@ -4,8 +4,8 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from generate.figures.drawing import BLUE, GREEN, GREY, ORANGE, RED, new_figure, save
-from localizer.search.decide import FIX_PROBABILITY, FIX_EVIDENCE, LEAST_EVIDENCE, TEMPERING_EXPONENT
-from localizer.search.fit.outliers import UNRELATED_SKYLINE_RAD, OUTLIER_SHARE
+from localizer.search.decide import FIX_EVIDENCE, FIX_PROBABILITY, LEAST_EVIDENCE, TEMPERING_EXPONENT
+from localizer.search.fit.outliers import OUTLIER_SHARE, UNRELATED_SKYLINE_RAD
 
 SIGMA_RAD = np.radians(0.05)
 """Of a block's middle, contour and DEM together, in the drawing."""
@@ -40,7 +40,9 @@ def _probability(axes: Axes) -> None:
     axes.plot(ahead, 1.0 / (1.0 + np.exp(-TEMPERING_EXPONENT * ahead)), color=BLUE)
     least = np.log(FIX_PROBABILITY / (1.0 - FIX_PROBABILITY)) / TEMPERING_EXPONENT
     axes.plot([least, least, 0.0], [0.5, FIX_PROBABILITY, FIX_PROBABILITY], color=GREY, lw=0.8, ls=":")
-    axes.annotate(f"{FIX_PROBABILITY:g} at {least:.1f}", (least, FIX_PROBABILITY), (4, -14), textcoords="offset points")
+    axes.annotate(
+        f"{FIX_PROBABILITY:g} at {least:.1f}", (least, FIX_PROBABILITY), (4, -14), textcoords="offset points"
+    )
     axes.set(
         xlabel="log-odds ahead of the second place",
         ylabel="probability of the first",

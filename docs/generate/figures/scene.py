@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from sim.evaluate.searched_dem import searched_terrain
 
 from localizer.dem.geodesy import geod, lonlat_to_rowcol, rowcol_to_lonlat
 from localizer.dem.horizon import Terrain
@@ -17,10 +16,10 @@ from localizer.observation import Observation
 from localizer.search.answer import Located
 from localizer.search.contours import MeasuredSkyline, frame_contour, measured_skyline
 from localizer.search.fit.correlated_errors import normal_equations, whitened_nll
-from localizer.search.fit.local_optima import problems_of
 from localizer.search.fit.objective import ordered_columns, prior_nll
 from localizer.search.fit.outliers import informative_columns, weights
 from localizer.search.fit.problem import ALTITUDE, EAST, NORTH
+from localizer.search.fit.problems import problems_of
 from localizer.search.fit.residuals import evaluate, ground_at, residual_sigma
 from localizer.search.locate import locate
 from localizer.search.stage1 import Band, bands, heading_offsets_deg
@@ -28,6 +27,7 @@ from sim.evaluate.case import true_surface
 from sim.evaluate.contour_level import observation_of
 from sim.evaluate.disturb import disturb, true_contours
 from sim.evaluate.scenario import load_evaluation_scenario
+from sim.evaluate.searched_dem import searched_terrain
 from sim.evaluate.truth import case_generators, draw_truth
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -114,7 +114,7 @@ def cost_around(here: Scene, reach_m: float, step_m: float) -> tuple[Floats, Flo
     contours = tuple(frame_contour(frame) for frame in here.observation.frames)
     problem = problems_of(here.terrain, here.observation, contours).fine
     model = best.error_model
-    frame = here.terrain.frames.at(np.array([best.row]), np.array([best.col]))[0]
+    frame = here.terrain.geodesics.at(np.array([best.row]), np.array([best.col]))[0]
     place = best.row, best.col
     at_fix = evaluate(problem, best.parameters(), place, frame)
     sigma = residual_sigma(problem, at_fix, best.dem_error_m)

@@ -56,7 +56,10 @@ def draw() -> None:
     sigmas = np.linspace(0.0, 12.0, 200)
     loss.plot(sigmas, 0.5 * sigmas**2, color=GREY, ls="--", label="squares")
     loss.plot(
-        sigmas, 0.5 * sigmas**2 / (1.0 + sigmas**2 / GEMAN_MCCLURE_SIGMAS**2), color=ORANGE, label="Geman-McClure"
+        sigmas,
+        0.5 * sigmas**2 / (1.0 + sigmas**2 / GEMAN_MCCLURE_SIGMAS**2),
+        color=ORANGE,
+        label="Geman-McClure",
     )
     loss.axhline(0.5 * GEMAN_MCCLURE_SIGMAS**2, color=GREY, lw=0.7, ls=":")
     loss.set(

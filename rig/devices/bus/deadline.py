@@ -7,13 +7,30 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Deadline:
-    """A moment on ``time.monotonic``'s clock, seconds."""
+    """A moment, until which something is waited for.
+
+    Attributes
+    ----------
+    at_s : float
+        On ``time.monotonic``'s clock.
+    """
 
     at_s: float
 
     @classmethod
     def after(cls, seconds: float) -> "Deadline":
-        """The moment ``seconds`` from now."""
+        """The moment so many seconds from now.
+
+        Parameters
+        ----------
+        seconds : float
+            From now.
+
+        Returns
+        -------
+        Deadline
+            That moment.
+        """
         return cls(time.monotonic() + seconds)
 
     @property

@@ -22,6 +22,7 @@ from rig.config.i2c_names import BRIDGE_URL, adapter_path, buses_there
 from rig.devices.bus import monitor
 from rig.devices.bus.deadline import Deadline
 from rig.devices.bus.i2c_errors import BridgeLostError, lacks_plain_i2c
+from rig.devices.closing import ClosedOnExit
 from rig.errors import DeviceError
 
 LOCK_WAIT_S, _LOCK_POLL_S = 3.0, 0.05
@@ -32,12 +33,45 @@ _BRIDGE_ANSWER = struct.Struct(">HH")  # errno (0 = done), length of the data th
 
 
 class I2cBus(Protocol):
-    """The interface of a bus for chip drivers."""
+    """What the chip drivers need of a bus: anything with these two methods may carry a chip.
+
+    Examples
+    --------
+    A bus that has one chip, whose register 0x00 holds 0xAD and all others 0:
+
+    >>> import rig
+    >>> class OneChip:
+    ...     def transfer(self, address: int, write: bytes, read_length: int) -> bytes:
+    ...         return bytes([0xAD if write == bytes([0x00]) else 0] * read_length)
+    ...     def close(self) -> None:
+    ...         pass
+    >>> rig.Adxl355(OneChip(), 0x1D)
+    Traceback (most recent call last):
+        ...
+    rig.errors.WrongDeviceError: ADXL355 at 0x1D on ...: identity register 0x01 holds 0x00 instead of 0x1D; ...
+    """
 
     def transfer(self, address: int, write: bytes, read_length: int) -> bytes:
         """Write, then read after a repeated start, in one transaction; either part may be empty.
 
-        Raises ``OSError`` with the kernel's errno.
+        Parameters
+        ----------
+        address : int
+            Of the chip, 7 bits.
+        write : bytes
+            What is written first.
+        read_length : int
+            How many bytes are read then.
+
+        Returns
+        -------
+        bytes
+            So many bytes.
+
+        Raises
+        ------
+        OSError
+            With the kernel's errno: 121 no acknowledge, 110 timed out, 5 the lines are stuck.
         """
         ...
 
@@ -248,8 +282,8 @@ _open_buses: dict[str, _Shared] = {}
 _open_buses_lock = threading.Lock()
 
 
-class SharedI2c:
-    """One chip's handle of a shared bus; the bus closes with the last handle."""
+class SharedI2c(ClosedOnExit):
+    """One chip's hold on a bus that several chips share; the bus closes with the last hold."""
 
     def __init__(self, url: str, shared: _Shared) -> None:
         self._url = url
@@ -282,11 +316,41 @@ class SharedI2c:
                     shared.bus.close()
 
 
-def open_i2c(url: str) -> I2cBus:
-    """Open the bus that ``url`` names, or share it if it is already open.
+def open_i2c(url: str) -> SharedI2c:
+    """Open an I2C bus, or share it where it is open already.
 
-    ``url`` is a device file ("/dev/i2c-1"), a bridge ("tcp://127.0.0.1:4711/1"), or an adapter's name. Raises
-    ``ConfigError`` for anything else, ``DeviceError`` if the bus cannot be opened.
+    Each chip that is closed by itself needs its own call: a driver's ``close`` gives its bus back.
+
+    Parameters
+    ----------
+    url : str
+        A device file (``"/dev/i2c-1"``), a bridge (``"tcp://127.0.0.1:4711/1"``), or the name of an adapter.
+
+    Returns
+    -------
+    SharedI2c
+        An `I2cBus`, to be closed, or used in a ``with`` block. Transfers of several threads do not mix.
+
+    Raises
+    ------
+    ConfigError
+        The name is none of these.
+    DeviceError
+        The bus cannot be opened, or another program of the rig uses it.
+
+    Examples
+    --------
+    >>> import rig
+    >>> with rig.open_i2c(i2c_bus) as bus:  # i2c_bus = "/dev/i2c-1"
+    ...     reading = rig.Adxl355(bus, 0x1D).read()
+    >>> print(f"{reading.z_g:.2f} g upwards")
+    1.00 g upwards
+
+    Without a driver: the identity of the ADXL355, registers 0x00 to 0x02.
+
+    >>> with rig.open_i2c(i2c_bus) as bus:
+    ...     bus.transfer(0x1D, write=bytes([0x00]), read_length=3).hex()
+    'ad1ded'
     """
     path = url if url.startswith("/") or BRIDGE_URL.fullmatch(url) else adapter_path(url)
     key = os.path.realpath(path) if path.startswith("/") else path  # udev may give a bus several names

@@ -11,10 +11,47 @@ Chip = TypeVar("Chip")
 
 
 def open_chip(driver: Callable[[I2cBus, int], Chip], url: str, address: int) -> Chip:
-    """Open a driver on the bus that ``url`` names; the bus is closed if the driver rejects the chip.
+    """Open the driver of one chip on an I2C bus; the bus is given back where the driver refuses the chip.
 
-    Raises what ``rig.devices.bus.i2c.open_i2c`` and the driver raise, and ``DeviceError`` if a kernel driver is bound
-    to the chip: both would configure it and take each other's samples.
+    Parameters
+    ----------
+    driver : callable
+        `Adxl355`, `Iis2iclx`, `Mmc5983ma`, `Bmp3`, `Ms5611`, or ``functools.partial`` of one of them.
+    url : str
+        The bus, as for `open_i2c`.
+    address : int
+        Of the chip, 7 bits.
+
+    Returns
+    -------
+    driver
+        Set up, to be closed, or used in a ``with`` block.
+
+    Raises
+    ------
+    ConfigError
+        ``url`` names no bus.
+    WrongDeviceError
+        Another chip answers.
+    TransientError
+        The chip does not answer.
+    DeviceError
+        The bus cannot be opened, or a driver of the Linux kernel holds the chip: both would set it up and take each other's
+        samples.
+
+    Examples
+    --------
+    >>> import rig
+    >>> with rig.open_chip(rig.Adxl355, i2c_bus, 0x1D) as chip:  # i2c_bus = "/dev/i2c-1"
+    ...     print(chip.identify())
+    ADXL355 at 0x1D on ..., revision 1
+
+    A driver with an option:
+
+    >>> from functools import partial
+    >>> with rig.open_chip(partial(rig.Ms5611, model="ms5611"), i2c_bus, 0x77) as chip:
+    ...     print(f"{chip.read().pressure_hpa:.0f} hPa")
+    900 hPa
     """
     bus = open_i2c(url)
     try:

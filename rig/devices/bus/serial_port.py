@@ -18,6 +18,7 @@ import serial
 from rig import sysfs
 from rig.devices.bus import monitor
 from rig.devices.bus.deadline import Deadline
+from rig.devices.closing import ClosedOnExit
 from rig.errors import DeviceError, LostPortError
 from rig.fault_notes import note_fault
 
@@ -48,12 +49,31 @@ _PORTS_SHOWN = 4
 _BAUD = ("cannot be opened: it has no such baud rate", "correct `baud`, or take another adapter")
 
 
-class SerialPort:
-    """A raw 8N1 serial port, opened for this process alone.
+class SerialPort(ClosedOnExit):
+    """A raw serial port, 8 data bits, no parity, 1 stop bit, opened for this process alone.
 
-    Raises ``DeviceError`` if it cannot be opened (absent, in use, no permission, no serial port). ``path`` is a device
-    file, preferably in /dev/serial/by-id, as ttyUSB numbers change on replugging. All methods except ``close`` raise
-    ``LostPortError`` if the port has disappeared.
+    Parameters
+    ----------
+    path : str
+        A device file, best one of /dev/serial/by-id: an adapter that is plugged in again gets another ttyUSB number.
+    baud : int
+        Bits a second.
+
+    Raises
+    ------
+    DeviceError
+        It cannot be opened: absent, in use, not permitted, no serial port at all.
+    LostPortError
+        Of every method but ``close``: the port has gone away and is not back.
+
+    Examples
+    --------
+    >>> import rig
+    >>> with rig.SerialPort(servo_port, 1_000_000) as port:  # servo_port = "/dev/ttyUSB0"
+    ...     port.write(bytes.fromhex("ff ff fd 00 01 03 00 01 19 4e"))  # Protocol 2.0: ping servo 1
+    ...     answer = port.read(rig.Deadline.after(1.0))
+    >>> answer[:4].hex(" ")
+    'ff ff fd 00'
     """
 
     def __init__(self, path: str, baud: int) -> None:
@@ -86,7 +106,23 @@ class SerialPort:
         return port
 
     def read(self, deadline: Deadline) -> bytes:
-        """Received bytes, waiting until the deadline for the first one; empty if none came."""
+        """Take what has arrived.
+
+        Parameters
+        ----------
+        deadline : Deadline
+            Until when a first byte is waited for.
+
+        Returns
+        -------
+        bytes
+            What has arrived; empty if nothing came.
+
+        Raises
+        ------
+        LostPortError
+            The port has gone away and is not back.
+        """
         with self._working() as port:
             readable, _, _ = select.select([port.fileno()], [], [], deadline.remaining_s)
             data: bytes = port.read(_READ_BYTES) if readable else b""
@@ -95,7 +131,18 @@ class SerialPort:
         return data
 
     def write(self, data: bytes) -> None:
-        """Send all of ``data``. A port that blocks for a second counts as lost."""
+        """Send bytes.
+
+        Parameters
+        ----------
+        data : bytes
+            All of it is sent.
+
+        Raises
+        ------
+        LostPortError
+            The port has gone away, or does not take it within a second.
+        """
         with self._working() as port:
             monitor.serial_bytes(self.path, "sent", data)
             port.write(data)

@@ -57,11 +57,32 @@ def _join_blocked_threads() -> None:
 
 
 class Camera:
-    """The camera's newest frames. Use it as a context manager; the thread ends with it.
+    """The camera's newest frames, which a thread reads; leaving a ``with`` block ends it.
 
-    The thread opens the camera: ``wait_open`` waits for it and checks the size. An ended stream is reopened repeatedly.
-    Waiting methods raise ``DeviceError`` if the camera cannot be opened or delivers another size than configured,
-    ``TransientError`` if it delivers no frames.
+    Opening goes on in the thread: ``wait_open`` waits for it and checks the size. A stream that ends later is opened
+    again, and again.
+
+    Parameters
+    ----------
+    section : CameraSection
+        ``[camera]`` of a configuration: source, size, intrinsics.
+
+    Raises
+    ------
+    TransientError
+        Of each method that waits: the camera is silent.
+    DeviceError
+        Of each method that waits: the camera cannot be opened, or delivers another size than configured.
+
+    Examples
+    --------
+    >>> import rig, time
+    >>> config = rig.load_config(config_file)  # config_file = "vehicle.toml"
+    >>> with rig.Camera(config.camera) as camera:
+    ...     camera.wait_open()
+    ...     frame = camera.frame_after(time.monotonic())  # nothing that was exposed before
+    >>> frame.image_bgr.shape
+    (120, 160, 3)
     """
 
     def __init__(self, section: CameraSection) -> None:
@@ -112,9 +133,17 @@ class Camera:
         return self._is_local or self._section.exposure_url is not None
 
     def expose(self, ev: float) -> None:
-        """Set an exposure ``ev`` stops above the automatic one; 0 restores automatic.
+        """Expose by so many stops more than the camera does of itself.
 
-        Raises ``TransientError`` if a network camera rejects it.
+        Parameters
+        ----------
+        ev : float
+            Stops; 0 leaves it to the camera again.
+
+        Raises
+        ------
+        TransientError
+            A network camera does not take it.
         """
         self._wanted_ev = ev  # set on a local camera by the reading thread
         url = self._section.exposure_url
@@ -141,9 +170,26 @@ class Camera:
         return time.monotonic() + self._section.exposure_settle_s
 
     def frames_after(self, monotonic_s: float, count: int) -> list[TimedFrame]:
-        """``count`` frames that arrive no earlier than a monotonic time, which may be in the future.
+        """Frames that arrive no earlier than a moment.
 
-        The read timeout applies to each of them.
+        Parameters
+        ----------
+        monotonic_s : float
+            On ``time.monotonic``'s clock; it may be to come.
+        count : int
+            How many.
+
+        Returns
+        -------
+        list of TimedFrame
+            In order.
+
+        Raises
+        ------
+        TransientError
+            One does not come within ``[camera] read_timeout_s`` of the last.
+        DeviceError
+            The camera cannot be opened, or delivers another size than configured.
         """
         frames: list[TimedFrame] = []
         problem = f"has sent no frame for {self._section.read_timeout_s:g} s that is new enough"
@@ -154,7 +200,25 @@ class Camera:
         return frames
 
     def frame_after(self, monotonic_s: float) -> TimedFrame:
-        """The first frame that arrives no earlier than a monotonic time."""
+        """The first frame that arrives no earlier than a moment.
+
+        Parameters
+        ----------
+        monotonic_s : float
+            On ``time.monotonic``'s clock; it may be to come.
+
+        Returns
+        -------
+        TimedFrame
+            With the image, (height, width, 3), blue, green, red.
+
+        Raises
+        ------
+        TransientError
+            None comes within ``[camera] read_timeout_s``.
+        DeviceError
+            The camera cannot be opened, or delivers another size than configured.
+        """
         return self.frames_after(monotonic_s, 1)[0]
 
     def close(self) -> None:

@@ -21,7 +21,27 @@ _JUMP_TICKS = 64  # 5.6 deg: more than sag, or motion when the torque comes on
 
 @dataclass(frozen=True)
 class ServoState:
-    """State of one servo. ``current_a`` is measured (XM), ``load_percent`` inferred (XL)."""
+    """What one servo says about itself (e-manual, "Control Table", registers 122 to 146).
+
+    Attributes
+    ----------
+    position_tick : int
+        4096 to one turn.
+    velocity_deg_s : float
+        Of the shaft.
+    current_a : float or None
+        Measured by an XM430; an XL430 does not.
+    load_percent : float or None
+        Inferred by an XL430.
+    voltage_v : float
+        Of the supply.
+    temperature_c : float
+        Inside the servo.
+    moving, in_position, alert : bool
+        As the servo sees it; an alert has its cause in the hardware error status.
+    monotonic_s : float
+        When, on ``time.monotonic``'s clock.
+    """
 
     position_tick: int
     velocity_deg_s: float
@@ -36,7 +56,35 @@ class ServoState:
 
 
 class Servo:
-    """A servo on a bus; ``name`` is used in errors. Its methods raise what ``ServoBus`` raises."""
+    """A Dynamixel X servo on a bus, its registers by the vendor's names.
+
+    Parameters
+    ----------
+    bus : ServoBus
+        That it hangs on.
+    servo_id : int
+        Its id, 0 to 252.
+    model : {"XM430-W350", "XL430-W250"}
+        Whose control table it has (e-manual, "Control Table").
+    name : str
+        How errors call it: ``"pan"``.
+
+    Raises
+    ------
+    TransientError
+        Of each method: the servo does not answer.
+    DeviceError
+        Of each method: the servo refuses the instruction, or the port is lost.
+
+    Examples
+    --------
+    >>> import rig
+    >>> with rig.ServoBus(rig.SerialPort(servo_port, 1_000_000)) as bus:  # servo_port = "/dev/ttyUSB0"
+    ...     servo = rig.Servo(bus, 1, "XM430-W350", "pan")
+    ...     servo.write("LED", 1)
+    ...     print(f"{servo.read('Present Input Voltage') / 10:.1f} V, {servo.read('Present Temperature')} °C")
+    12.0 V, 31 °C
+    """
 
     def __init__(self, bus: ServoBus, servo_id: int, model: str, name: str) -> None:
         self._bus = bus
@@ -47,12 +95,45 @@ class Servo:
         self._counts_wrongly = False
 
     def read(self, register: str) -> int:
-        """Read a register by the vendor's name, in register units."""
+        """Read a register.
+
+        Parameters
+        ----------
+        register : str
+            The vendor's name (e-manual, "Control Table"): ``"Present Position"``.
+
+        Returns
+        -------
+        int
+            In the register's own unit.
+
+        Raises
+        ------
+        TransientError
+            The servo does not answer.
+        DeviceError
+            The servo refuses, or the port is lost.
+        """
         where = self._registers[register]
         return where.decode(self._bus.read(self.servo_id, where.address, where.length))
 
     def write(self, register: str, value: int) -> None:
-        """Write a register by the vendor's name, in register units."""
+        """Write a register.
+
+        Parameters
+        ----------
+        register : str
+            The vendor's name (e-manual, "Control Table"): ``"Present Position"``.
+        value : int
+            In the register's own unit.
+
+        Raises
+        ------
+        TransientError
+            The servo does not answer.
+        DeviceError
+            The servo refuses, or the port is lost.
+        """
         where = self._registers[register]
         self._bus.write(self.servo_id, where.address, where.encode(value))
 
@@ -100,8 +181,20 @@ class Servo:
         """Reset EEPROM registers that another program may have changed and that alter the meaning of commands; torque
         off.
 
-        Drive Mode, Operating Mode and position limits are set by ``configure``. Raises as ``require_one_turn`` if the
-        servo counts in reverse and was turned by hand.
+        Drive Mode and Operating Mode, and the position limits, are ``configure``'s. Raises what ``require_one_turn`` raises
+        where the servo counts the other way round and was turned by hand.
+
+        Parameters
+        ----------
+        firmware : int
+            Its version, from `ServoBus.ping`.
+
+        Raises
+        ------
+        TransientError
+            The servo does not answer.
+        DeviceError
+            The servo refuses, or the port is lost.
         """
         self.torque(False)
         block = self._bus.read(self.servo_id, *_EEPROM)
@@ -180,7 +273,21 @@ class Servo:
     ) -> None:
         """Set position mode, the servo's own position limits, and a speed; torque off, status return on.
 
-        EEPROM is written only if it differs: it wears out, and needs the torque off.
+        The EEPROM is written only where it differs: it wears out, and it can be written only without torque.
+
+        Parameters
+        ----------
+        min_tick, max_tick : int
+            Limits, 0 to 4095.
+        velocity_deg_s, acceleration_deg_s2 : float
+            Of a move.
+
+        Raises
+        ------
+        TransientError
+            The servo does not answer.
+        DeviceError
+            The servo refuses, or the port is lost.
         """
         self.set_status_return_all()
         self.torque(False)
@@ -198,20 +305,57 @@ class Servo:
         self.set_profile(velocity_deg_s, acceleration_deg_s2)
 
     def set_profile(self, velocity_deg_s: float, acceleration_deg_s2: float) -> None:
-        """Set the motion profile. Needed again after a mode change, a reboot and a tripped watchdog: each resets the
-        profile to 0, which means full speed.
+        """Set how fast the servo goes to its goal.
+
+        Needed anew after a change of mode, a restart and a tripped watchdog: each of them resets the profile to 0, which means
+        as fast as it can.
+
+        Parameters
+        ----------
+        velocity_deg_s, acceleration_deg_s2 : float
+            Of a move.
+
+        Raises
+        ------
+        TransientError
+            The servo does not answer.
+        DeviceError
+            The servo refuses, or the port is lost.
         """
         self.write("Profile Acceleration", _units(acceleration_deg_s2, table.ACCELERATION_UNIT_DEG_S2))
         self.write("Profile Velocity", _units(velocity_deg_s, table.VELOCITY_UNIT_DEG_S))
 
     def torque(self, on: bool) -> None:
-        """Switch the torque on or off."""
+        """Hold the position, or let go.
+
+        Parameters
+        ----------
+        on : bool
+            Which of the two.
+
+        Raises
+        ------
+        TransientError
+            The servo does not answer.
+        DeviceError
+            The servo refuses, or the port is lost.
+        """
         self.write("Torque Enable", int(on))
 
     def hold(self, min_tick: int, max_tick: int) -> None:
         """Torque on with the goal at the present position, or at the limit that it is beyond.
 
-        ``DeviceError``, and torque off, if it is beyond one turn: with torque the position would wrap into one turn.
+        Torque folds a position beyond one turn back into it, which would send the head the long way.
+
+        Parameters
+        ----------
+        min_tick, max_tick : int
+            Limits, 0 to 4095.
+
+        Raises
+        ------
+        DeviceError
+            The servo stands beyond one turn, or jumps when the torque comes on. The torque is off then.
         """
         before = self.read("Present Position")
         self.require_one_turn(before)
@@ -228,7 +372,18 @@ class Servo:
             )
 
     def require_one_turn(self, position_tick: int) -> None:
-        """Raise ``DeviceError`` if a position is beyond one turn, turned by hand without torque or by another program."""
+        """Refuse a position beyond one turn.
+
+        Parameters
+        ----------
+        position_tick : int
+            As the servo counts it.
+
+        Raises
+        ------
+        DeviceError
+            By hand without torque, or by another program, the servo was turned too far.
+        """
         if not 0 <= position_tick < table.TICKS_PER_TURN:
             way = "forward" if position_tick > 0 else "backward"
             raise DeviceError(
@@ -239,7 +394,20 @@ class Servo:
             )
 
     def arm_bus_watchdog(self, timeout_s: float) -> None:
-        """Let the servo stop by itself if it receives no packet for ``timeout_s``."""
+        """Have the servo stop by itself when it hears no packet for some time.
+
+        Parameters
+        ----------
+        timeout_s : float
+            0.02 to 2.54 s.
+
+        Raises
+        ------
+        TransientError
+            The servo does not answer.
+        DeviceError
+            The servo refuses, or the port is lost.
+        """
         self.write("Bus Watchdog", _units(timeout_s, table.BUS_WATCHDOG_UNIT_S))
 
     def disarm_bus_watchdog(self) -> None:
@@ -280,7 +448,22 @@ class Servo:
         return ""
 
     def decode_state(self, block: bytes, alert: bool, monotonic_s: float) -> ServoState:
-        """The state in the 25 bytes from register 122 on."""
+        """Decode the state of the servo.
+
+        Parameters
+        ----------
+        block : bytes
+            The 25 bytes from register 122 on.
+        alert : bool
+            The alert bit of the status packet.
+        monotonic_s : float
+            When they were read.
+
+        Returns
+        -------
+        ServoState
+            What they say.
+        """
 
         def value(register: str) -> int:
             return self._registers[register].decode(block, STATE_ADDRESS)

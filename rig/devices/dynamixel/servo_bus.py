@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from rig.devices.bus.deadline import Deadline
 from rig.devices.bus.serial_port import SerialPort
+from rig.devices.closing import ClosedOnExit
 from rig.devices.dynamixel.protocol2 import (
     BROADCAST_ID,
     Instruction,
@@ -47,11 +48,29 @@ class RefusedError(DeviceError):
         self.number = number
 
 
-class ServoBus:
-    """Sends instructions to servos by id, over an open port that it owns.
+class ServoBus(ClosedOnExit):
+    """A half-duplex bus of Dynamixel servos, Protocol 2.0: instructions to servos by id.
 
-    Every call has a time limit. A silent servo is a ``TransientError``, a rejected instruction a ``RefusedError``, a
-    lost port a ``DeviceError``; the bus stays usable after each.
+    Every call waits a bounded time, and none of its errors leaves the bus unusable.
+
+    Parameters
+    ----------
+    port : SerialPort
+        Open; the bus takes it over.
+
+    Raises
+    ------
+    TransientError
+        Of each call: a servo does not answer.
+    DeviceError
+        Of each call: a servo refuses the instruction, or the port is lost.
+
+    Examples
+    --------
+    >>> import rig
+    >>> with rig.ServoBus(rig.SerialPort(servo_port, 1_000_000)) as bus:  # servo_port = "/dev/ttyUSB0"
+    ...     bus.ping_all(0.1)  # model numbers by id: 1020 is an XM430-W350
+    {1: 1020, 2: 1020}
     """
 
     def __init__(self, port: SerialPort) -> None:
@@ -60,12 +79,41 @@ class ServoBus:
         self.baud = port.baud
 
     def ping(self, servo_id: int) -> tuple[int, int]:
-        """Model number and firmware version of the servo with that id."""
+        """Ask one servo who it is.
+
+        Parameters
+        ----------
+        servo_id : int
+            0 to 252.
+
+        Returns
+        -------
+        tuple of int
+            Model number and firmware version.
+
+        Raises
+        ------
+        TransientError
+            The servo does not answer.
+        DeviceError
+            The servo refuses, or the port is lost.
+        """
         parameters = self._exchange(servo_id, Instruction.PING, b"", 3)
         return int.from_bytes(parameters[:2], "little"), parameters[2]
 
     def ping_all(self, wait_s: float) -> dict[int, int]:
-        """Model numbers by id of all servos that answer within ``wait_s``."""
+        """Ask all servos who they are.
+
+        Parameters
+        ----------
+        wait_s : float
+            How long answers are waited for: 3 ms for each id that there may be.
+
+        Returns
+        -------
+        dict of int
+            Model numbers by id.
+        """
         self._port.discard_input()
         self._port.write(frame(BROADCAST_ID, Instruction.PING))
         deadline, parser = Deadline.after(wait_s), StatusParser()
@@ -77,7 +125,18 @@ class ServoBus:
         return found
 
     def answers_protocol_1(self, servo_id: int) -> bool:
-        """Whether a servo that is silent to Protocol 2.0 answers a ping in Protocol 1.0 (e-manual, "Protocol 1.0")."""
+        """Whether a servo that is silent to Protocol 2.0 answers a ping in Protocol 1.0 (e-manual, "Protocol 1.0").
+
+        Parameters
+        ----------
+        servo_id : int
+            0 to 252.
+
+        Returns
+        -------
+        bool
+            Whether it does.
+        """
         body = bytes([servo_id, 2, Instruction.PING])
         request = b"\xff\xff" + body + bytes([~sum(body) & 0xFF])
         self._port.discard_input()
@@ -90,30 +149,118 @@ class ServoBus:
         return request[:4] in received.replace(request, b"")
 
     def read(self, servo_id: int, address: int, length: int) -> bytes:
-        """``length`` bytes of one servo's control table."""
+        """Read from one servo's control table.
+
+        Parameters
+        ----------
+        servo_id : int
+            0 to 252.
+        address : int
+            Of the first register.
+        length : int
+            Bytes.
+
+        Returns
+        -------
+        bytes
+            So many.
+
+        Raises
+        ------
+        TransientError
+            The servo does not answer.
+        DeviceError
+            The servo refuses, or the port is lost.
+        """
         return self._exchange(servo_id, Instruction.READ, _u16(address) + _u16(length), length)
 
     def write(self, servo_id: int, address: int, data: bytes) -> None:
-        """Write into one servo's control table."""
+        """Write into one servo's control table.
+
+        Parameters
+        ----------
+        servo_id : int
+            0 to 252.
+        address : int
+            Of the first register.
+        data : bytes
+            Low byte first.
+
+        Raises
+        ------
+        TransientError
+            The servo does not answer.
+        DeviceError
+            The servo refuses, or the port is lost.
+        """
         self._exchange(servo_id, Instruction.WRITE, _u16(address) + data, 0)
 
     def write_unanswered(self, servo_id: int, address: int, data: bytes) -> None:
-        """Write without waiting for an answer, for a servo that may not answer writes."""
+        """Write into the control table of a servo that may be set not to answer a write.
+
+        Parameters
+        ----------
+        servo_id : int
+            0 to 252.
+        address : int
+            Of the first register.
+        data : bytes
+            Low byte first.
+        """
         self._collect(frame(servo_id, Instruction.WRITE, _u16(address) + data), [servo_id], 0)
 
     def reboot(self, servo_id: int) -> None:
-        """Reboot one servo, which ends a shutdown. It takes some tenths of a second."""
+        """Restart one servo, which ends a shutdown. It takes some tenths of a second to come back.
+
+        Parameters
+        ----------
+        servo_id : int
+            0 to 252.
+
+        Raises
+        ------
+        TransientError
+            The servo does not answer.
+        DeviceError
+            The servo refuses, or the port is lost.
+        """
         self._exchange(servo_id, Instruction.REBOOT, b"", 0)
 
     def clear_multi_turn(self, servo_id: int) -> None:
-        """Reset one stationary servo's multi-turn count (firmware 42 and later)."""
+        """Have one servo, at rest, count its position within one turn again (firmware 42 and later).
+
+        Parameters
+        ----------
+        servo_id : int
+            0 to 252.
+
+        Raises
+        ------
+        TransientError
+            The servo does not answer.
+        DeviceError
+            The servo refuses, or the port is lost.
+        """
         self._exchange(servo_id, Instruction.CLEAR, _CLEAR_MULTI_TURN, 0)
 
     def sync_read(self, servo_ids: Sequence[int], address: int, length: int) -> dict[int, Status]:
-        """The same block of several servos with one instruction.
+        """Read the same block of several servos with one instruction.
 
-        The result holds only servos that answered with the whole block: a silent one does not hide the others. Each
-        ``Status`` has the alert bit.
+        One silent servo does not hide the others.
+
+        Parameters
+        ----------
+        servo_ids : sequence of int
+            Whose.
+        address : int
+            Of the first register.
+        length : int
+            Bytes.
+
+        Returns
+        -------
+        dict of int to Status
+            By id; the alert bit of each is in its ``Status``. A servo is in it only where it answered with the whole block.
         """
         request = frame(BROADCAST_ID, Instruction.SYNC_READ, _u16(address) + _u16(length) + bytes(servo_ids))
         statuses, _ = self._collect(request, servo_ids, length)

@@ -11,6 +11,7 @@ from rig.clock import Instant
 from rig.devices.bus.deadline import Deadline, wait_until
 from rig.devices.bus.i2c import I2cBus
 from rig.devices.bus.i2c_chip import I2cChip
+from rig.devices.closing import ClosedOnExit
 from rig.devices.readings import AccelerationReading
 from rig.devices.sensors.sampling import MIN_READINGS, read_for, require_noise
 from rig.errors import WrongDeviceError
@@ -65,8 +66,41 @@ def _acceleration_g(data: bytes) -> tuple[float, float, float]:
     return x * _G_PER_COUNT, y * _G_PER_COUNT, z * _G_PER_COUNT
 
 
-class Adxl355:
-    """The chip, measuring. Raises ``WrongDeviceError`` where another chip answers, else ``DeviceError``."""
+class Adxl355(ClosedOnExit):
+    """ADXL355 by Analog Devices, an accelerometer of three axes and 20 bits: set up for ±2 g and 62.5 Hz, and measuring.
+
+    Parameters
+    ----------
+    bus : I2cBus
+        From `open_i2c`; ``close`` gives it back.
+    address : int
+        0x1D, or 0x53 with the pin ASEL high.
+
+    Raises
+    ------
+    WrongDeviceError
+        Another chip answers, an ADXL357 too, which shows gravity in another scale.
+    TransientError
+        The chip does not answer, or takes too long.
+    DeviceError
+        The chip loses its factory trim when it is reset.
+
+    Notes
+    -----
+    Data sheet Rev. D: the identity is in registers 0x00 to 0x02, the low-pass of 15.6 Hz in FILTER (0x28), the range in RANGE
+    (0x2C); temperature and sample are read in one burst from TEMP2 (0x06) on. One count is 3.9 µg.
+
+    Examples
+    --------
+    >>> import rig
+    >>> with rig.open_chip(rig.Adxl355, i2c_bus, 0x1D) as chip:  # i2c_bus = "/dev/i2c-1"
+    ...     one = chip.read()
+    ...     some = chip.read_many(0.2)
+    >>> print(f"{one.x_g:.2f} {one.y_g:.2f} {one.z_g:.2f} g at {one.temperature_c:.0f} °C")
+    0.00 0.00 1.00 g at 20 °C
+    >>> len(some) > 5
+    True
+    """
 
     def __init__(self, bus: I2cBus, address: int = DEFAULT_ADDRESS) -> None:
         self._chip = I2cChip(bus, address, "ADXL355")
@@ -114,8 +148,20 @@ class Adxl355:
     def read(self, *, without_temperature: bool = False) -> AccelerationReading:
         """The next sample, 16 ms after the last.
 
-        Raises ``TransientError`` if none comes, or if it is impossible for a stationary accelerometer. With
-        ``without_temperature`` an impossible temperature becomes NaN, with a note.
+        Parameters
+        ----------
+        without_temperature : bool
+            Take a sample whose temperature cannot be: it is NaN then, and noted.
+
+        Returns
+        -------
+        AccelerationReading
+            Of three axes, g, and the chip's temperature.
+
+        Raises
+        ------
+        TransientError
+            No sample comes, or one that no accelerometer at rest can give.
         """
         ready = wait_until(
             lambda: bool(self._status() & _DATA_READY), Deadline.after(_READY_TIMEOUT_S), _SAMPLE_S / 4
@@ -138,7 +184,25 @@ class Adxl355:
         return AccelerationReading(x_g, y_g, z_g, temperature_c, at.monotonic_s, at.utc)
 
     def read_many(self, duration_s: float) -> list[AccelerationReading]:
-        """All samples of ``duration_s``. Raises ``DeviceError`` if all are equal: a frozen chip."""
+        """Read for some time.
+
+        Parameters
+        ----------
+        duration_s : float
+            For how long, in seconds.
+
+        Returns
+        -------
+        list of AccelerationReading
+            In order, at least ten.
+
+        Raises
+        ------
+        TransientError
+            A reading does not come, or cannot be true.
+        DeviceError
+            All readings are the same: the chip is frozen.
+        """
         readings = read_for(partial(self.read, without_temperature=True), duration_s, MIN_READINGS)
         require_noise(self._chip.name, [(r.x_g, r.y_g, r.z_g) for r in readings])
         return readings

@@ -9,6 +9,7 @@ from rig.clock import Instant
 from rig.devices.bus.deadline import Deadline, wait_until
 from rig.devices.bus.i2c import I2cBus
 from rig.devices.bus.i2c_chip import I2cChip
+from rig.devices.closing import ClosedOnExit
 from rig.devices.readings import PressureReading
 from rig.devices.sensors.sampling import read_for, require_noise
 
@@ -84,8 +85,40 @@ def compensate(trim: Trim, raw_pressure: int, raw_temperature: int) -> tuple[flo
     return offset + u * slope + u * u * (p9 + p10 * t) + u**3 * p11, t
 
 
-class Bmp3:
-    """The chip, in sleep mode between readings. ``WrongDeviceError`` for another chip, else ``DeviceError``."""
+class Bmp3(ClosedOnExit):
+    """BMP390 or BMP388 by Bosch, a barometer: asleep between readings.
+
+    Parameters
+    ----------
+    bus : I2cBus
+        From `open_i2c`; ``close`` gives it back.
+    address : int
+        0x76, or 0x77 with the pin SDO high.
+    model : {"bmp390", "bmp388"}
+        Which of the two is fitted.
+
+    Raises
+    ------
+    WrongDeviceError
+        Another chip answers, the other one of the two as well.
+    TransientError
+        The chip does not answer, or takes too long.
+    DeviceError
+        The chip has no factory trim.
+
+    Notes
+    -----
+    BST-BMP390-DS002-07: sixteen-fold oversampling of the pressure, twofold of the temperature, no filter (section 3.5); the
+    compensation is that of section 8, in floating point.
+
+    Examples
+    --------
+    >>> import rig
+    >>> with rig.open_chip(rig.Bmp3, i2c_bus, 0x76) as chip:  # i2c_bus = "/dev/i2c-1"
+    ...     reading = chip.read()
+    >>> print(f"{reading.pressure_hpa:.0f} hPa at {reading.temperature_c:.0f} °C")
+    900 hPa at 20 °C
+    """
 
     def __init__(
         self, bus: I2cBus, address: int = DEFAULT_ADDRESS, *, model: Literal["bmp390", "bmp388"] = "bmp390"
@@ -112,7 +145,17 @@ class Bmp3:
     def read(self) -> PressureReading:
         """One conversion, some 40 ms.
 
-        Raises ``TransientError`` if it does not end or is implausible, ``DeviceError`` if the chip reports an error.
+        Returns
+        -------
+        PressureReading
+            With the chip's temperature.
+
+        Raises
+        ------
+        TransientError
+            The conversion does not end, or cannot be true.
+        DeviceError
+            The chip reports an error of its own.
         """
         if self._chip.read_register(_EVENT)[0] & _POWER_ON:
             raise self._chip.implausible("it has restarted and lost its configuration")
@@ -144,7 +187,25 @@ class Bmp3:
             raise self._chip.broken(f"reports a {' and a '.join(reported)}")
 
     def read_many(self, duration_s: float) -> list[PressureReading]:
-        """All readings that fit into ``duration_s``, at least one. ``DeviceError`` where the chip is frozen."""
+        """Read for some time.
+
+        Parameters
+        ----------
+        duration_s : float
+            For how long, in seconds.
+
+        Returns
+        -------
+        list of PressureReading
+            In order, at least one.
+
+        Raises
+        ------
+        TransientError
+            A reading does not come, or cannot be true.
+        DeviceError
+            All readings are the same: the chip is frozen.
+        """
         readings = read_for(self.read, duration_s)
         require_noise(self._chip.name, [(r.pressure_hpa, r.temperature_c) for r in readings], FROZEN_REPEATS)
         return readings

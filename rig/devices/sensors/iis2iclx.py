@@ -13,6 +13,7 @@ from rig.clock import Instant
 from rig.devices.bus.deadline import Deadline, wait_until
 from rig.devices.bus.i2c import I2cBus
 from rig.devices.bus.i2c_chip import I2cChip
+from rig.devices.closing import ClosedOnExit
 from rig.devices.readings import AccelerationReading
 from rig.devices.sensors.sampling import MIN_READINGS, read_for, require_noise
 from rig.errors import TransientError, WrongDeviceError
@@ -66,8 +67,38 @@ def decode_temperature_c(data: bytes) -> float:
     return 25.0 + int.from_bytes(data, "little", signed=True) / 256.0
 
 
-class Iis2iclx:
-    """The chip, measuring. Raises ``WrongDeviceError`` where another chip answers, else ``DeviceError``."""
+class Iis2iclx(ClosedOnExit):
+    """IIS2ICLX by STMicroelectronics, an inclinometer of two axes and 16 bits: set up for ±1 g and 52 Hz, and measuring.
+
+    Parameters
+    ----------
+    bus : I2cBus
+        From `open_i2c`; ``close`` gives it back.
+    address : int
+        0x6A, or 0x6B with the pin SA0 high.
+
+    Raises
+    ------
+    WrongDeviceError
+        Another chip answers, a relative of three axes with the same identity too.
+    TransientError
+        The chip does not answer, or takes too long.
+    DeviceError
+        The bus is lost.
+
+    Notes
+    -----
+    Data sheet and AN5509: WHO_AM_I (0x0F), output data rate, range and low-pass in CTRL1_XL (0x10), samples from OUTX_L_A
+    (0x28) on. One count is 31 µg.
+
+    Examples
+    --------
+    >>> import rig
+    >>> with rig.open_chip(rig.Iis2iclx, i2c_bus, 0x6A) as chip:  # i2c_bus = "/dev/i2c-1"
+    ...     reading = chip.read()
+    >>> print(f"{reading.x_g:.2f} {reading.y_g:.2f} g, {reading.z_g}")
+    0.00 0.00 g, None
+    """
 
     def __init__(self, bus: I2cBus, address: int = DEFAULT_ADDRESS) -> None:
         self._chip = I2cChip(bus, address, "IIS2ICLX")
@@ -118,8 +149,20 @@ class Iis2iclx:
     def read(self, *, without_temperature: bool = False) -> AccelerationReading:
         """The next sample, 19 ms after the last.
 
-        Raises ``TransientError`` if none comes, or if it is impossible for a stationary accelerometer. With
-        ``without_temperature`` an impossible temperature becomes NaN, with a note.
+        Parameters
+        ----------
+        without_temperature : bool
+            Take a sample whose temperature cannot be: it is NaN then, and noted.
+
+        Returns
+        -------
+        AccelerationReading
+            Of two axes, g, and the chip's temperature; ``z_g`` is None.
+
+        Raises
+        ------
+        TransientError
+            No sample comes, or one that no accelerometer at rest can give.
         """
         if not wait_until(self._sample_ready, Deadline.after(_READY_TIMEOUT_S), _SAMPLE_S / 4):
             raise self._chip.no_answer_in_time("a sample", _READY_TIMEOUT_S)
@@ -142,7 +185,25 @@ class Iis2iclx:
         return bool(self._chip.read_register(_STATUS)[0] & _ACCELERATION_READY)
 
     def read_many(self, duration_s: float) -> list[AccelerationReading]:
-        """All samples of ``duration_s``. Raises ``DeviceError`` if all are equal: a frozen chip."""
+        """Read for some time.
+
+        Parameters
+        ----------
+        duration_s : float
+            For how long, in seconds.
+
+        Returns
+        -------
+        list of AccelerationReading
+            In order, at least ten.
+
+        Raises
+        ------
+        TransientError
+            A reading does not come, or cannot be true.
+        DeviceError
+            All readings are the same: the chip is frozen.
+        """
         readings = read_for(partial(self.read, without_temperature=True), duration_s, MIN_READINGS)
         require_noise(self._chip.name, [(r.x_g, r.y_g) for r in readings])
         return readings

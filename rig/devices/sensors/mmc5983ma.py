@@ -10,6 +10,7 @@ from rig.clock import Instant
 from rig.devices.bus.deadline import Deadline, wait_until
 from rig.devices.bus.i2c import I2cBus
 from rig.devices.bus.i2c_chip import I2cChip
+from rig.devices.closing import ClosedOnExit
 from rig.devices.readings import FieldReading
 from rig.devices.sensors.sampling import MIN_READINGS, read_for, require_noise
 from rig.errors import TransientError
@@ -63,8 +64,38 @@ def decode_temperature_c(raw: int) -> float:
     return -75.0 + 0.8 * raw
 
 
-class Mmc5983ma:
-    """The chip, idle between readings. Raises ``WrongDeviceError`` for another chip, else ``DeviceError``."""
+class Mmc5983ma(ClosedOnExit):
+    """MMC5983MA by Memsic, a magnetometer of three axes and 18 bits: idle between readings.
+
+    Parameters
+    ----------
+    bus : I2cBus
+        From `open_i2c`; ``close`` gives it back.
+    address : int
+        Always 0x30.
+
+    Raises
+    ------
+    WrongDeviceError
+        Another chip answers.
+    TransientError
+        The chip does not answer, or takes too long.
+    DeviceError
+        The chip cannot load its factory trim.
+
+    Notes
+    -----
+    Data sheet Rev. A: a SET and a RESET pulse (Internal Control 0, 0x09) turn the sensor over between two measurements. Half
+    their difference is the field, half their sum the sensor's own zero. One count is 0.0061 µT.
+
+    Examples
+    --------
+    >>> import rig
+    >>> with rig.open_chip(rig.Mmc5983ma, i2c_bus, 0x30) as chip:  # i2c_bus = "/dev/i2c-1"
+    ...     field = chip.read()
+    >>> print(f"north {field.y_ut:.0f} µT, down {-field.z_ut:.0f} µT, zero of x {field.offset_ut[0]:.0f} µT")
+    north 22 µT, down 42 µT, zero of x 10 µT
+    """
 
     def __init__(self, bus: I2cBus, address: int = DEFAULT_ADDRESS) -> None:
         self._chip = I2cChip(bus, address, "MMC5983MA")
@@ -83,8 +114,16 @@ class Mmc5983ma:
     def read(self) -> FieldReading:
         """Field and zero from one SET and RESET pair, some 30 ms.
 
-        Raises ``TransientError`` if a measurement does not end, is out of range or implausible. An unreadable
-        temperature is None: the field does not need it, as SET and RESET cancel its drift.
+        Returns
+        -------
+        FieldReading
+            In the chip's axes, µT. A temperature that cannot be read is None: the field needs none, SET and RESET take its
+            drift out.
+
+        Raises
+        ------
+        TransientError
+            A measurement does not end, is out of range, or implausible.
         """
         after_set = self._measure_after(_SET)
         after_reset = self._measure_after(_RESET)
@@ -137,7 +176,25 @@ class Mmc5983ma:
         return bool(self._chip.read_register(_STATUS)[0] & bit)
 
     def read_many(self, duration_s: float) -> list[FieldReading]:
-        """All readings that fit into ``duration_s``, at least one. ``DeviceError`` where the chip is frozen."""
+        """Read for some time.
+
+        Parameters
+        ----------
+        duration_s : float
+            For how long, in seconds.
+
+        Returns
+        -------
+        list of FieldReading
+            In order, at least ten.
+
+        Raises
+        ------
+        TransientError
+            A reading does not come, or cannot be true.
+        DeviceError
+            All readings are the same: the chip is frozen.
+        """
         readings = read_for(self.read, duration_s, MIN_READINGS)
         require_noise(self._chip.name, [(r.x_ut, r.y_ut, r.z_ut) for r in readings], FROZEN_REPEATS)
         return readings

@@ -12,6 +12,7 @@ from typing import Literal
 from rig.clock import Instant
 from rig.devices.bus.i2c import I2cBus
 from rig.devices.bus.i2c_chip import I2cChip
+from rig.devices.closing import ClosedOnExit
 from rig.devices.readings import PressureReading
 from rig.devices.sensors.sampling import read_for, require_noise
 from rig.errors import WrongDeviceError
@@ -91,8 +92,40 @@ def compensate(
     return (raw_pressure * sensitivity >> 21) - offset >> 15, temperature
 
 
-class Ms5611:
-    """The chip, idle between readings. Raises ``WrongDeviceError`` for another chip, else ``DeviceError``."""
+class Ms5611(ClosedOnExit):
+    """MS5611-01BA03 or MS5607-02BA03 by TE Connectivity, a barometer: idle between readings.
+
+    Parameters
+    ----------
+    bus : I2cBus
+        From `open_i2c`; ``close`` gives it back.
+    address : int
+        0x77, or 0x76 with the pin CSB high.
+    model : {"ms5611", "ms5607"}
+        Which of the two is fitted. The chip does not tell: of the wrong one the pressure is twice or half of what it is.
+
+    Raises
+    ------
+    WrongDeviceError
+        A BMP390 or BMP388 answers, which have the same addresses.
+    TransientError
+        The chip does not answer, or takes too long.
+    DeviceError
+        The checksum of the factory calibration is wrong, or there is none.
+
+    Notes
+    -----
+    Data sheets 06/2017: conversions with 4096-fold oversampling (0x48, 0x58), second-order compensation below 20 °C; AN520 for
+    the checksum.
+
+    Examples
+    --------
+    >>> import rig
+    >>> with rig.open_chip(rig.Ms5611, i2c_bus, 0x77) as chip:  # i2c_bus = "/dev/i2c-1"
+    ...     reading = chip.read()
+    >>> print(f"{reading.pressure_hpa:.0f} hPa at {reading.temperature_c:.0f} °C")
+    900 hPa at 20 °C
+    """
 
     def __init__(
         self, bus: I2cBus, address: int = DEFAULT_ADDRESS, *, model: Literal["ms5611", "ms5607"] = "ms5611"
@@ -127,7 +160,15 @@ class Ms5611:
     def read(self) -> PressureReading:
         """One conversion of each, some 20 ms.
 
-        Raises ``TransientError`` if a conversion failed or is implausible.
+        Returns
+        -------
+        PressureReading
+            With the chip's temperature.
+
+        Raises
+        ------
+        TransientError
+            A conversion was spoilt, or cannot be true.
         """
         raw_temperature = self._convert(_CONVERT_TEMPERATURE_4096)
         raw_pressure = self._convert(_CONVERT_PRESSURE_4096)
@@ -146,7 +187,25 @@ class Ms5611:
         return value
 
     def read_many(self, duration_s: float) -> list[PressureReading]:
-        """All readings that fit into ``duration_s``, at least one. ``DeviceError`` where the chip is frozen."""
+        """Read for some time.
+
+        Parameters
+        ----------
+        duration_s : float
+            For how long, in seconds.
+
+        Returns
+        -------
+        list of PressureReading
+            In order, at least one.
+
+        Raises
+        ------
+        TransientError
+            A reading does not come, or cannot be true.
+        DeviceError
+            All readings are the same: the chip is frozen.
+        """
         readings = read_for(self.read, duration_s)
         require_noise(self._chip.name, [(r.pressure_hpa, r.temperature_c) for r in readings])
         return readings

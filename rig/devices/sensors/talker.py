@@ -8,6 +8,7 @@ from typing import Generic, Protocol, TypeVar
 from rig.clock import Instant
 from rig.devices.bus.deadline import Deadline
 from rig.devices.bus.shared_port import SharedPort
+from rig.devices.closing import ClosedOnExit
 from rig.devices.readings import HeadingReading, PressureReading
 from rig.devices.sensors.agreement import one_pressure_source
 from rig.devices.sensors.families import baud_advice, family_of, is_text, other_format
@@ -107,8 +108,8 @@ class _NoReadingReason:
 _DAMAGED, _FOREIGN, _OTHER, _NO_CHECKSUM, _WITHOUT_VALUE = range(1, 6)
 
 
-class Talker(Generic[Reading]):
-    """A talker on a serial port, which may be shared.
+class Talker(ClosedOnExit, Generic[Reading]):
+    """An instrument on a serial port, of its own or shared with another one.
 
     ``parse`` converts a line into a reading, or None if it is about something else, and raises ``MessageError`` for an
     unusable one. ``what`` is the expected input, for errors ("HDG, HDM ... sentence"). ``agreed`` selects the readings
@@ -136,7 +137,20 @@ class Talker(Generic[Reading]):
     def read(self, timeout_s: float = DEFAULT_TIMEOUT_S) -> Reading:
         """The next complete reading; older input is discarded.
 
-        Raises ``TransientError`` with what came instead if none comes in time.
+        Parameters
+        ----------
+        timeout_s : float
+            How long to wait for it, in seconds.
+
+        Returns
+        -------
+        HeadingReading or PressureReading
+            What the instrument says.
+
+        Raises
+        ------
+        TransientError
+            None comes in time; the message says what came instead.
         """
         self._lines.discard()
         return self._next(timeout_s)
@@ -201,9 +215,24 @@ class Talker(Generic[Reading]):
             heard.tell(_DAMAGED, f"{recent[:82]!r} without an end", "check `baud` and the cable")
 
     def read_many(self, duration_s: float) -> list[Reading]:
-        """All readings that begin within ``duration_s``, at least one.
+        """Read for some time.
 
-        Raises ``DeviceError`` if two of its sources disagree.
+        Parameters
+        ----------
+        duration_s : float
+            For how long, in seconds.
+
+        Returns
+        -------
+        list of HeadingReading or of PressureReading
+            All readings that begin to arrive within that time, at least one.
+
+        Raises
+        ------
+        TransientError
+            No reading comes within 3 s.
+        DeviceError
+            Two sources on the line do not agree.
         """
         self._lines.discard()
         survey = Deadline.after(self._survey_s if duration_s > 0.0 else 0.0)  # one reading alone is no mean
@@ -230,10 +259,36 @@ class Talker(Generic[Reading]):
 def nmea_compass(
     port: str, baud: int, *, require_checksum: bool = True, sentence: str | None = None
 ) -> Talker[HeadingReading]:
-    """A compass that sends HDG, HDM, HDT, THS, PTNTHPR, OHPR or OceanServer's $C; only ``sentence`` ("HDG", "HCHDG") if
-    given.
+    """Listen to a compass that sends HDG, HDM, HDT, THS, PTNTHPR, OHPR or OceanServer's $C.
 
-    Raises ``DeviceError`` without a port.
+    Parameters
+    ----------
+    port : str
+        The serial port's device file, best one of /dev/serial/by-id. Several talkers may be on one port.
+    baud : int
+        Its baud rate, 4800 by NMEA 0183.
+    require_checksum : bool
+        Whether a sentence without a checksum is none.
+    sentence : str, optional
+        Listen to this one alone: ``"HDG"``, or ``"HCHDG"`` of one talker.
+
+    Returns
+    -------
+    Talker
+        With ``read``, which gives a `HeadingReading`, ``read_many``, ``identify`` and ``close``; for a ``with`` block.
+
+    Raises
+    ------
+    DeviceError
+        There is no such port, or it is in use.
+
+    Examples
+    --------
+    >>> import rig
+    >>> with rig.nmea_compass(compass_port, 4800) as compass:  # compass_port = "/dev/ttyUSB1"
+    ...     reading = compass.read()
+    >>> print(f"{reading.heading_deg:.1f} deg {reading.reference}, variation {reading.variation_deg:.1f} deg")
+    123.4 deg magnetic, variation 13.0 deg
     """
     read_sentence = SentenceReader(HEADING_KINDS, require_checksum=require_checksum)
 
@@ -249,7 +304,37 @@ def nmea_compass(
 def nmea_barometer(
     port: str, baud: int, *, require_checksum: bool = True, transducer: str | None = None
 ) -> Talker[PressureReading]:
-    """A barometer that sends XDR, MDA or MMB; only ``transducer`` if given. Raises ``DeviceError`` without a port."""
+    """Listen to a barometer that sends XDR, MDA or MMB.
+
+    Parameters
+    ----------
+    port : str
+        The serial port's device file, which may be that of a compass, too.
+    baud : int
+        Its baud rate, 4800 by NMEA 0183.
+    require_checksum : bool
+        Whether a sentence without a checksum is none.
+    transducer : str, optional
+        Take the pressure of the XDR transducer of this name alone, or of this sentence (``"WIMDA"``).
+
+    Returns
+    -------
+    Talker
+        With ``read``, which gives a `PressureReading`, ``read_many``, ``identify`` and ``close``; for a ``with`` block.
+
+    Raises
+    ------
+    DeviceError
+        There is no such port, or it is in use.
+
+    Examples
+    --------
+    >>> import rig
+    >>> with rig.nmea_barometer(barometer_port, 4800) as barometer:  # barometer_port = "/dev/ttyUSB2"
+    ...     reading = barometer.read()
+    >>> print(f"{reading.pressure_hpa:.1f} hPa from {reading.source}")
+    900.0 hPa from ...
+    """
     read_sentence = SentenceReader(PRESSURE_KINDS, require_checksum=require_checksum)
     what = "XDR or MDA sentence with a pressure"
     return Talker(
@@ -263,5 +348,30 @@ def nmea_barometer(
 
 
 def vaisala_pa50(port: str, baud: int) -> Talker[PressureReading]:
-    """A Vaisala barometer that sends PA50. Raises ``DeviceError`` without a port."""
+    """Listen to a Vaisala barometer that sends the message PA50.
+
+    Parameters
+    ----------
+    port : str
+        The serial port's device file.
+    baud : int
+        Its baud rate.
+
+    Returns
+    -------
+    Talker
+        With ``read``, which gives a `PressureReading`, ``read_many``, ``identify`` and ``close``; for a ``with`` block.
+
+    Raises
+    ------
+    DeviceError
+        There is no such port, or it is in use.
+
+    Examples
+    --------
+    >>> import rig
+    >>> with rig.vaisala_pa50(vaisala_port, 4800) as barometer:  # vaisala_port = "/dev/ttyUSB2"
+    ...     print(f"{barometer.read().pressure_hpa:.1f} hPa")
+    900.0 hPa
+    """
     return Talker(SharedPort(port, baud), parse_pa50, "Vaisala barometer", "PA50 message")

@@ -16,6 +16,7 @@ from fakes.whole_rig import RunningRig
 
 from localizer.bundle import load_bundle
 from rig.attitude.kinematics import camera_pointing
+from rig.config.load import EXAMPLE
 
 
 def test_help_has_examples(run: Run) -> None:
@@ -58,7 +59,7 @@ def test_the_configuration_of_the_environment(
 
 def test_no_configuration(run: Run) -> None:
     assert one_line(run("capture")) == (
-        "rig: no configuration: give --config FILE or set SKYFIX_CONFIG (example: configs/vehicle.toml)"
+        f"rig: no configuration: give --config FILE or set SKYFIX_CONFIG (example: {EXAMPLE})"
     )
     assert "absent.toml: cannot be read" in one_line(run("check", "--config", "absent.toml"))
 

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from sim.errors import SimulationError
+from sim.shipped_files import scenario_file
 from sim.world.scenario import Scenario, load_scenario
 
 SCENARIOS = Path(__file__).parents[3] / "configs" / "scenarios"
@@ -17,6 +18,23 @@ def test_the_documented_file_holds_every_default() -> None:
         assert f"[{name}]" in text
         for key in section:
             assert f"{key} = " in text, f"{name}.{key} is not documented"
+
+
+def test_a_scenario_that_comes_with_skyfix_is_had_by_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("default", "ideal", "uncalibrated"):
+        assert load_scenario(Path(name)) == load_scenario(SCENARIOS / f"{name}.toml")
+    assert scenario_file(Path("evaluate/cloud")).samefile(SCENARIOS / "evaluate" / "cloud.toml")
+    for other in ("absent", "", "..", "../configs", str(SCENARIOS / "ideal"), "ideal.toml"):
+        assert scenario_file(Path(other)) == Path(other)
+
+
+def test_a_file_goes_before_a_scenario_of_that_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "ideal").write_text("[vehicle]\nmast_height_m = 3.0\n")
+    assert load_scenario("ideal").vehicle.mast_height_m == 3.0
 
 
 def test_in_the_ideal_scenario_nothing_is_wrong() -> None:
