@@ -121,8 +121,8 @@ class World:
 
     def accelerometer_in_head(self, pan_deg: float, tilt_deg: float) -> Array:
         """Noise-free reading of the rig's chip (3,), g, in its nominal axes, with mounting, scale and zero errors."""
-        askew = turned_about_axes(self.biases.inclinometer_mounting_deg)
-        seen = askew.T @ self.gravity_in_head(pan_deg, tilt_deg)
+        mounting = turned_about_axes(self.biases.inclinometer_mounting_deg)
+        seen = mounting.T @ self.gravity_in_head(pan_deg, tilt_deg)
         reading: Array = seen * self.biases.inclinometer_scale
         return reading + np.array(self.biases.inclinometer_offset_mg) / 1000.0
 
