@@ -33,14 +33,8 @@ if TYPE_CHECKING:
     pass
 
 MAX_VIEWS = 5
-
-
 SEARCH_TILT_DEG = 15.0
-
-
 ASIDE_DEG = 5.0  # allowed offset of a frame's direction, as the pan range is less than a full turn
-
-
 PLAY_DEG = 0.5
 
 

@@ -127,8 +127,8 @@ class PanTilt:
             raise
         self._goal_deg: tuple[float, float] | None = None
         self._from_deg = math.nan, math.nan
-        self._brakes_within_deg = 0.0
-        self._astray: DeviceError | None = None
+        self._braking_distance_deg = 0.0
+        self._path_error: DeviceError | None = None
         self._holding: set[int] = set()
         try:
             # First of all: a servo with a Secondary ID executes the other's instructions.
@@ -259,8 +259,8 @@ class PanTilt:
             A servo reports a hardware error, was turned beyond its range by hand, or cannot be commanded.
         """
         goals = self._goal_ticks(pan_deg, tilt_deg)
-        if self._astray:
-            raise self._astray
+        if self._path_error:
+            raise self._path_error
         state = self.state()
         self._require_healthy(state)
         self.require_one_turn(state)
@@ -277,7 +277,7 @@ class PanTilt:
             retry(partial(self._send_goal, axis.servo, goal))
         self._from_deg = here
         speed, braking = self._parameters.velocity_deg_s, self._parameters.acceleration_deg_s2
-        self._brakes_within_deg = (
+        self._braking_distance_deg = (
             speed * _COMMAND_LATENCY_S + speed**2 / (2.0 * braking) if state.moving else 0.0
         )
         self._goal_deg = pan_deg, tilt_deg
@@ -428,18 +428,18 @@ class PanTilt:
             self._axes, self._from_deg, self._goal_deg, angles, strict=True
         ):
             low, high = sorted((from_deg, goal_deg))
-            tolerance_deg = _PATH_TOLERANCE_DEG + self._brakes_within_deg
+            tolerance_deg = _PATH_TOLERANCE_DEG + self._braking_distance_deg
             strayed = not low - tolerance_deg <= angle_deg <= high + tolerance_deg
             if not (strayed or lies_in_a_zone(angles, self._parameters.keep_out)):
                 continue
             self._require_power(axis, f"at {angle_deg:.1f} deg on its way to {goal_deg:.1f} deg")
-            self._astray = DeviceError(
+            self._path_error = DeviceError(
                 axis.servo.name,
                 f"went astray: at {angle_deg:.1f} deg on its way from {from_deg:.1f} to {goal_deg:.1f} deg",
                 "look at the cable and at what turns the head, then power-cycle the servos",
             )
             self.relax()
-            raise self._astray
+            raise self._path_error
 
     def _require_at_goal(self, state: HeadState) -> None:
         if self._goal_deg is None:

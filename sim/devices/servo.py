@@ -6,15 +6,20 @@ Sources: manuals of XM430-W350 and XL430-W250; the section is given where a rule
 import math
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from sim.devices import motion
 from sim.devices.dynamixel_packet import ALERT, StatusError
+from sim.devices.gear_train import GearTrain
+from sim.devices.motion_profile import (
+    STRONGEST_ACCELERATION_DEG_S2,
+    motion_profile,
+    power_share,
+    profile_acceleration_deg_s2,
+)
 from sim.devices.register_table import RegisterTable
 from sim.devices.x_series import (
-    ACCELERATION_UNIT_DEG_S2,
     EEPROM_END,
     TICKS_PER_TURN,
     VELOCITY_UNIT_DEG_S,
@@ -24,14 +29,11 @@ from sim.devices.x_series import (
 )
 
 DEG_PER_TICK = 360.0 / TICKS_PER_TURN
-STRONGEST_ACCELERATION_DEG_S2 = 2000.0
-"""Limit of the motor: profile acceleration 0 is not infinite."""
-
 REBOOT_S = 0.25
 IN_POSITION_TICKS = 12
 CURRENT_MODE, VELOCITY_MODE, POSITION_MODE, EXTENDED_MODE, CURRENT_POSITION_MODE, PWM_MODE = 0, 1, 3, 4, 5, 16
 POSITION_MODES = (POSITION_MODE, EXTENDED_MODE, CURRENT_POSITION_MODE)
-REVERSE, TIME_BASED, TORQUE_BY_GOAL = 1, 4, 8
+REVERSE, TORQUE_BY_GOAL = 1, 8
 VOLTAGE_ERROR, OVERHEATING_ERROR, ENCODER_ERROR, SHOCK_ERROR, OVERLOAD_ERROR = 0x01, 0x04, 0x08, 0x10, 0x20
 LIMIT_OF_GOAL = {"goal_pwm": "pwm_limit", "goal_current": "current_limit", "goal_velocity": "velocity_limit"}
 GOALS = (*LIMIT_OF_GOAL, "goal_position")
@@ -44,26 +46,10 @@ STARTUP_TORQUE, RAM_RESTORE = 1, 2
 NO_ID = 253
 """Secondary IDs from this value on are disabled."""
 
-FULL_PWM = 885
 RESTORED = (*GAINS, "profile_acceleration", "profile_velocity")
 """Registers that RAM Restore sets at start-up."""
 
 MULTI_TURN_CLEAR = bytes([0x01, 0x44, 0x58, 0x4C, 0x22])
-
-
-@dataclass(frozen=True)
-class GearTrain:
-    """Mechanics between profile and head.
-
-    backlash_deg: total play between shaft and head; the head rests on the side that it was pushed to.
-    """
-
-    backlash_deg: float = 0.0
-    settle_sigma_deg: float = 0.0
-    encoder_sigma_ticks: float = 0.0
-    ring_deg: float = 0.0
-    ring_hz: float = 6.0
-    ring_decay_s: float = 0.12
 
 
 class Servo:
@@ -150,7 +136,9 @@ class Servo:
             now = self._advance()
             position, velocity = self._motion.at(now)
             degrees = position * DEG_PER_TICK + self._pushed * self.gears.backlash_deg / 2
-            return degrees + self._swing_deg(now), velocity != 0.0 or now < self._motion.end_s
+            return degrees + self.gears.swing_deg(
+                now - self._motion.end_s, self._stopped_from_deg_s
+            ), velocity != 0.0 or now < self._motion.end_s
 
     # -- instructions
 
@@ -398,23 +386,17 @@ class Servo:
         now = self._clock()
         position, velocity = self._motion.at(now)
         speed = self._direction * float(np.clip(speed_deg_s, -self.model.speed_deg_s, self.model.speed_deg_s))
-        acceleration = self._acceleration_deg_s2() / DEG_PER_TICK
+        acceleration = profile_acceleration_deg_s2(self._table) / DEG_PER_TICK
         self._stopped_from_deg_s = velocity * DEG_PER_TICK
         self._motion = motion.turn(position, velocity, speed / DEG_PER_TICK, acceleration, now)
 
-    def _power_share(self) -> float:
-        """Share of full speed that the motor reaches: PWM Limit and Goal PWM limit the position controller's output."""
-        if not self._table["position_p_gain"] and not self._table["position_i_gain"]:
-            return 0.0
-        return min(self._table["pwm_limit"], abs(self._table["goal_pwm"])) / FULL_PWM
-
     def _move_to(self, goal: float) -> None:
-        if self._blocked or not self._power_share():
+        if self._blocked or not power_share(self._table):
             return
         now = self._clock()
         position, velocity = self._motion.at(now)
         way_deg = abs(goal - position) * DEG_PER_TICK
-        speed_deg_s, acceleration_deg_s2 = self._profile(way_deg)
+        speed_deg_s, acceleration_deg_s2 = motion_profile(self._table, self.model, way_deg)
         rest_at = goal
         if abs(goal - position) > 0.5:
             rest_at += self._rng.normal() * self.gears.settle_sigma_deg / DEG_PER_TICK
@@ -429,39 +411,6 @@ class Servo:
         if not self._table["profile_acceleration"]:
             shape = motion.RECTANGLE if self._table["profile_velocity"] else motion.STEP
         self._motion = motion.Motion(planned.phases, goal, shape)
-
-    def _profile(self, way_deg: float) -> tuple[float, float]:
-        """Top speed and acceleration for a distance, from the profile registers (Drive Mode)."""
-        raw = self._table["profile_velocity"]
-        if raw and self._table["drive_mode"] & TIME_BASED:
-            # Raw values are ms: the whole time, and the ramp, which is at most half of it.
-            ramp_s = min(self._table["profile_acceleration"], raw / 2) / 1000.0
-            speed_deg_s = way_deg / (raw / 1000.0 - ramp_s)
-            acceleration_deg_s2 = speed_deg_s / ramp_s if ramp_s else STRONGEST_ACCELERATION_DEG_S2
-        else:
-            speed_deg_s = raw * VELOCITY_UNIT_DEG_S if raw else self.model.speed_deg_s
-            acceleration_deg_s2 = self._acceleration_deg_s2()
-        tiny = 1e-6
-        return (
-            min(max(speed_deg_s, tiny), self.model.speed_deg_s * self._power_share()),
-            min(max(acceleration_deg_s2, tiny), STRONGEST_ACCELERATION_DEG_S2),
-        )
-
-    def _acceleration_deg_s2(self) -> float:
-        raw = self._table["profile_acceleration"]
-        return (
-            min(raw * ACCELERATION_UNIT_DEG_S2, STRONGEST_ACCELERATION_DEG_S2)
-            if raw
-            else STRONGEST_ACCELERATION_DEG_S2
-        )
-
-    def _swing_deg(self, now: float) -> float:
-        since_s = now - self._motion.end_s
-        if not self.gears.ring_deg or not 0.0 <= since_s < 12 * self.gears.ring_decay_s:
-            return 0.0
-        amplitude = self.gears.ring_deg * self._stopped_from_deg_s / 60.0
-        decay = math.exp(-since_s / self.gears.ring_decay_s)
-        return amplitude * decay * math.sin(2 * math.pi * self.gears.ring_hz * since_s)
 
     def _measure(self) -> None:
         """Update the registers of measured values."""

@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.devices.camera_stream import CameraStream
+from sim.devices.gear_train import GearTrain
 from sim.devices.i2c_bridge import I2cBridge
 from sim.devices.pty_port import PtyPort
-from sim.devices.servo import GearTrain, Servo
+from sim.devices.servo import Servo
 from sim.devices.servo_bus import ServoBus
 from sim.devices.talkers import Talker
 from sim.devices.x_series import BAUD_RATES, MODELS

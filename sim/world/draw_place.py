@@ -13,11 +13,7 @@ from sim.world.terrain import crs_name
 from sim.world.true_values import Array, TruePlace
 
 PLACE_DRAWS = 3000
-
-
 WATER_REACH_CELLS = 3
-
-
 PLACE_AZIMUTHS_DEG = np.arange(0.0, 360.0, 5.0)
 
 

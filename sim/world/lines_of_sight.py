@@ -4,15 +4,9 @@ import numpy as np
 from numba import njit, prange
 
 CHUNK_CELLS = 8  # length of a straight chunk of track, in the cell's shorter side
-
-
 BLOCK_CELLS = 16  # side of the blocks whose maxima identify invisible chunks; at least a chunk's length
-
-
 AZIMUTHS_PER_TASK = 64
 MAX_CROSSINGS = 96  # in one chunk, of three families of lines, with room for slanting lattices
-
-
 TRACK_DEGREE = 8  # of the polynomial from metres east and north of the observer to the lattice
 
 

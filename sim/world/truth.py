@@ -240,7 +240,7 @@ class World:
         return up_in_head.copy()
 
     def accelerometer_in_head(self, pan_deg: float, tilt_deg: float) -> Array:
-        """What the rig's own chip reads without noise in the axes that it should have: askew, off scale, off zero.
+        """Noise-free reading of the rig's chip in its nominal axes, with mounting, scale and zero errors.
 
         Parameters
         ----------
@@ -252,8 +252,8 @@ class World:
         array of float
             (3,), g.
         """
-        askew = turned_about_axes(self.biases.inclinometer_mounting_deg)
-        seen = askew.T @ self.gravity_in_head(pan_deg, tilt_deg)
+        mounting = turned_about_axes(self.biases.inclinometer_mounting_deg)
+        seen = mounting.T @ self.gravity_in_head(pan_deg, tilt_deg)
         reading: Array = seen * self.biases.inclinometer_scale
         return reading + np.array(self.biases.inclinometer_offset_mg) / 1000.0
 

@@ -175,16 +175,16 @@ def _require_turn(pans_deg: Sequence[float]) -> None:
 
 
 def _require_plausible(fit: InclinometerFit) -> None:
-    askew_deg = float(np.linalg.norm(fit.correction.mounting_deg))
+    mounting_angle_deg = float(np.linalg.norm(fit.correction.mounting_deg))
     off_scale = float(np.abs(np.array(fit.correction.scale) - 1.0).max())
     if fit.rms_deg > RMS_LIMIT_DEG:
         raise CalibrationError(
             f"inclinometer: its readings fit no rigid head: {fit.rms_deg:.3f} deg are left, {RMS_LIMIT_DEG} are "
             "allowed; let nobody board the vehicle, shelter it from the wind, and calibrate again"
         )
-    if askew_deg > MOUNTING_LIMIT_DEG:
+    if mounting_angle_deg > MOUNTING_LIMIT_DEG:
         raise CalibrationError(
-            f"inclinometer: the chip seems to sit {askew_deg:.0f} deg askew; check [inclinometer] axes and "
+            f"inclinometer: the chip seems to sit {mounting_angle_deg:.0f} deg askew; check [inclinometer] axes and "
             "[pan_tilt.tilt] zero_tick, direction"
         )
     if off_scale > SCALE_LIMIT:

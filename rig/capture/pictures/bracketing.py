@@ -42,12 +42,12 @@ def pictures_of(frames: list[TimedFrame]) -> Pictures:
 
 def overexposed_share(image: Image, skyline: Skyline) -> float:
     """Share of columns whose sky is overexposed just above the skyline, or at the bottom of an all-sky column."""
-    burnt = image.min(axis=2) >= OVEREXPOSED_LEVEL
-    height, width = burnt.shape
+    overexposed = image.min(axis=2) >= OVEREXPOSED_LEVEL
+    height, width = overexposed.shape
     all_sky = skyline.state == ColumnState.NO_TERRAIN
     row = np.where(np.isfinite(skyline.row_px) & ~all_sky, np.nan_to_num(skyline.row_px), height - 1)
     rows = np.rint(row).astype(int)[:, None] - np.arange(*ABOVE_PX)
-    above = burnt[np.clip(rows, 0, height - 1), np.arange(width)[:, None]].all(axis=1)
+    above = overexposed[np.clip(rows, 0, height - 1), np.arange(width)[:, None]].all(axis=1)
     return float(np.mean(above & (skyline.state != ColumnState.NO_SKY)))
 
 

@@ -11,8 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.devices.dynamixel_packet import crc16, packet, status_packet, stuff, unstuff
+from sim.devices.gear_train import GearTrain
 from sim.devices.pty_port import PtyPort
-from sim.devices.servo import OVERLOAD_ERROR, REBOOT_S, SHOCK_ERROR, VOLTAGE_ERROR, GearTrain, Servo
+from sim.devices.servo import OVERLOAD_ERROR, REBOOT_S, SHOCK_ERROR, VOLTAGE_ERROR, Servo
 from sim.devices.servo_bus import ServoBus
 from sim.devices.x_series import MODELS, XL430_W250, XM430_W350, ServoModel
 
