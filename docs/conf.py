@@ -26,6 +26,8 @@ autodoc_default_options = {
     "exclude-members": "model_config, model_post_init",  # pydantic's own
 }
 default_role = "py:obj"
+# The name of a field in a section "Attributes" is looked up as a reference; many classes have a `lat_deg`.
+suppress_warnings = ["ref.python"]
 autodoc_typehints = "signature"
 autodoc_typehints_format = "short"
 autodoc_preserve_defaults = True

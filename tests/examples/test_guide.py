@@ -6,7 +6,7 @@ import pytest
 from markdown_it import MarkdownIt
 
 ROOT = Path(__file__).parents[2]
-GUIDES = [ROOT / "docs" / "guides" / "python.md"]
+GUIDES = [ROOT / "README.md", ROOT / "docs" / "guides" / "python.md"]
 
 
 @pytest.mark.long
