@@ -38,6 +38,8 @@ napoleon_use_ivar = True  # a section "Attributes" and a field's own docstring d
 
 # Nothing is loaded from elsewhere when a page is read: the theme brings what it needs, formulas are MathML.
 html_theme = "furo"
+html_static_path = ["static"]
+html_css_files = ["skyfix.css"]
 html_title = "skyfix"
 html_math_renderer = "mathml"
 html_show_copyright = False
