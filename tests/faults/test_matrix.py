@@ -157,7 +157,7 @@ def begin_at(case: Case, quick: Quick, patch: pytest.MonkeyPatch) -> list[thread
 @pytest.mark.parametrize("case", [p for p in parameters() if p.values[0].device != "disk"])
 def test_fault(case: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rig.devices.bus.retry.REPLUG_S", 2.0)
-    monkeypatch.setattr("rig.capture.pictures.take.WITHIN_S", 5.0)
+    monkeypatch.setattr("rig.capture.pictures.take.TIME_LIMIT_S", 5.0)
     truth = world(**FITTED.get(case.device, {}))
     open_before, threads_before = open_descriptors(), threads()
     with quick_rig(truth, tmp_path) as quick:

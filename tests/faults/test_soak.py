@@ -58,7 +58,7 @@ def random_faults(rng: np.random.Generator, fitted: dict[str, str]) -> list[dict
 @pytest.mark.timeout(0)
 def test_soak(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rig.devices.bus.retry.REPLUG_S", 2.0)
-    monkeypatch.setattr("rig.capture.pictures.take.WITHIN_S", 4.0)
+    monkeypatch.setattr("rig.capture.pictures.take.TIME_LIMIT_S", 4.0)
     rng = np.random.default_rng(int(request.config.getoption("--soak-seed")))
     ends: Counter[str] = Counter()
     longest_s, descriptors, running = 0.0, 0, threads()
