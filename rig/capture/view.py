@@ -3,7 +3,6 @@
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,9 +27,6 @@ from rig.devices.connect import Rig
 from rig.devices.pan_tilt import HeadState
 from rig.errors import GoalError
 from rig.fault_notes import note_fault
-
-if TYPE_CHECKING:
-    pass
 
 MAX_VIEWS = 5
 SEARCH_TILT_DEG = 15.0

@@ -41,7 +41,7 @@ def summary(series: Series) -> dict[str, Any]:
 
 def summary_text(found: Mapping[str, Any]) -> str:
     """The summary as text."""
-    remaining = f", {found['remaining']} left: the same command goes on with them" if found["left"] else ""
+    remaining = f", {found['left']} left: the same command goes on with them" if found["left"] else ""
     lines = [
         f"{found['series']}: {found['taken']} of {found['repeat']} bundles taken, {found['failed']} failed{remaining}"
     ]

@@ -93,7 +93,7 @@ HEADING = _object(
 PRESSURE = _object("skyfix.Pressure", timestamp=TIME, pressure_hpa=NUMBER, temperature_c=MAYBE)
 ALTITUDE = _object("skyfix.Altitude", timestamp=TIME, altitude_m=NUMBER, sigma_m=NUMBER)
 STANDING = _object(
-    "skyfix.BaseEstimate",
+    "skyfix.Standing",
     timestamp=TIME,
     heading_deg=NUMBER,
     heading_sigma_deg=NUMBER,

@@ -16,6 +16,7 @@ from fakes.simulated import Quick, open_descriptors, quick_rig, threads, world
 
 import rig.capture.base_attitude
 import rig.capture.sequence
+import rig.capture.view
 from localizer.bundle import load_bundle
 from localizer.errors import SkyfixError
 from rig.attitude.kinematics import wrapped_deg
@@ -42,12 +43,12 @@ TRIGGERS: dict[str, tuple[Any, str, int]] = {
     "inclinometer": (rig.capture.base_attitude, "still_level", 2),
     "compass": (rig.capture.base_attitude, "still_level", 2),
     "altimeter": (rig.capture.sequence, "_altitude", 1),
-    "camera": (rig.capture.sequence, "take_pictures", 2),
-    "clock": (rig.capture.sequence, "take_pictures", 2),
+    "camera": (rig.capture.view, "take_pictures", 2),
+    "clock": (rig.capture.view, "take_pictures", 2),
 }
 """Which call of which function of the rig the fault begins at."""
 
-BEFORE_THE_HEAD_TURNS = (rig.capture.sequence, "look", 2)
+BEFORE_THE_HEAD_TURNS = (rig.capture.sequence, "aim_and_take", 2)
 OLD_PICTURES = ("frozen", "stale")
 SMALLER = {"width_px": 80, "height_px": 60}
 PARAMETERS: dict[str, dict[str, float]] = {
