@@ -161,14 +161,10 @@ def _without_misplaced_variation(
         return raw
     deviations = [each.deviation_deg for each in found]
     deviation_deg = sum(deviations) / len(deviations)
-    retry_all_cells = all(
+    everywhere = all(
         each.deviation_deg for headings in raw for each in headings if each.source == found[0].source
     )
-    if (
-        np.ptp(deviations) > SAME_DEVIATION_DEG
-        or abs(deviation_deg) < LEAST_VARIATION_DEG
-        or not retry_all_cells
-    ):
+    if np.ptp(deviations) > SAME_DEVIATION_DEG or abs(deviation_deg) < LEAST_VARIATION_DEG or not everywhere:
         return raw
     twice = all(each.variation_deg == each.deviation_deg for each in found)
     known_deg = section.declination_deg

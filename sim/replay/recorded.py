@@ -108,10 +108,10 @@ class Recorded(Generic[Answer]):
         after = -1 if self._at is None else self._at
         following = starts[bisect_right(starts, after) % len(starts)]
         now = self._epoch()
-        if self._same_place(following) == len(self._before) and self._exchanges[following].epoch == now:
+        if self._alike(following) == len(self._before) and self._exchanges[following].epoch == now:
             return following  # as a rule; to look at all takes long in a log of hours
-        most = max(self._same_place(number) for number in starts)
-        alike = [number for number in starts if self._same_place(number) == most]
+        most = max(self._alike(number) for number in starts)
+        alike = [number for number in starts if self._alike(number) == most]
         heard = epoch_heard(sorted({self._exchanges[number].epoch for number in alike}), now)
         here = [number for number in alike if self._exchanges[number].epoch == heard]
         next_here = bisect_right(here, after)
@@ -120,7 +120,7 @@ class Recorded(Generic[Answer]):
             next_here = bisect_right(here, after)
         return here[next_here % len(here)]
 
-    def _same_place(self, number: int) -> int:
+    def _alike(self, number: int) -> int:
         """How many commands before this place of the log are those of now, counted back."""
         count = 0
         for now, then in zip(reversed(self._before), reversed(self._contexts[number]), strict=False):

@@ -6,13 +6,13 @@ import sys
 from pathlib import Path
 
 MODULE = """
-from localizer.jit import kernel, with_sound_kernels
+from localizer.jit import kernel, recompiled_if_damaged
 
 @kernel()
 def doubled(x):
     return 2 * x
 
-print(with_sound_kernels(lambda: doubled(21)))
+print(recompiled_if_damaged(lambda: doubled(21)))
 """
 
 

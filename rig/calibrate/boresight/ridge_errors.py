@@ -14,7 +14,7 @@ Vector = NDArray[np.float64]
 
 ALIKE_M = 60.0
 """Over which heights of a DEM err alike: two cells of the usual DEM."""
-COMMON_COVARIANCE_SHARE, COMMON_SPAN = 0.25, 0.7
+COMMON_SHARE, COMMON_SPAN = 0.25, 0.7
 """Of the variance, what ridges of like distance have in common; and how much farther (natural logarithm) is no longer like."""
 FACTORS = 1.5 ** np.arange(-2, 8)
 """By which the DEM may be better or worse than told. No better than half: a lucky fit is no survey."""
@@ -46,8 +46,8 @@ def covariance_deg2(sigma_deg: Vector, azimuth_deg: Vector, distance_m: Vector) 
     where_m = np.column_stack([distance_m * np.sin(azimuth), distance_m * np.cos(azimuth)])
     apart_m = np.linalg.norm(where_m[:, None, :] - where_m[None, :, :], axis=-1)
     far = np.log(distance_m)
-    common = COMMON_COVARIANCE_SHARE * np.exp(-np.abs(far[:, None] - far[None, :]) / COMMON_SPAN)
-    alike = (1.0 - COMMON_COVARIANCE_SHARE) * np.exp(-apart_m / ALIKE_M) + common
+    common = COMMON_SHARE * np.exp(-np.abs(far[:, None] - far[None, :]) / COMMON_SPAN)
+    alike = (1.0 - COMMON_SHARE) * np.exp(-apart_m / ALIKE_M) + common
     return np.asarray(alike * np.outer(sigma_deg, sigma_deg))
 
 
