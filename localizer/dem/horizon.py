@@ -5,7 +5,7 @@ curved Earth"). Along a ray the surface is a quadratic between two grid lines, s
 tangent at the crossings of grid lines, and the maximum within each stretch between them.
 
 Rays are geodesics. How one runs through the lattice of the DEM is known to second order in the distance
-(``geodesy.LatticeFrames``), which covers meridian convergence, map scale and geographic grids alike.
+(``geodesy.GeodesicExpansion``), which covers meridian convergence, map scale and geographic grids alike.
 """
 
 from dataclasses import dataclass, replace

@@ -10,7 +10,7 @@ from localizer.predict.views import Standpoint, View, along
 
 Floats = NDArray[np.float64]
 
-LEADING_CELLS = 0.1
+FIRST_CELLS = 0.1
 NEAR_SHARE, FAR_SHARE = 0.05, 0.004
 """Spacing of the samples along a ray, as shares of their distance: at most the first, near the second far away."""
 FINEST_CELLS, COARSEST_CELLS = 0.4, 4.0
@@ -72,7 +72,7 @@ def _samples_m(terrain: Terrain) -> Floats:
     """Distances from FIRST_CELLS to across the whole DEM."""
     dem, cell_m = terrain.dem, terrain.cell_m
     farthest_m = float(np.hypot(dem.rows * dem.spacing_ns_m, dem.cols * dem.spacing_ew_m))
-    out = [LEADING_CELLS * cell_m]
+    out = [FIRST_CELLS * cell_m]
     while out[-1] < farthest_m:
         here_m = out[-1]
         far_step_m = np.clip(FAR_SHARE * here_m, FINEST_CELLS * cell_m, COARSEST_CELLS * cell_m)

@@ -31,10 +31,10 @@ HEADING_STEP_DEG = 2.0
 """Largest spacing of the heading hypotheses."""
 SECTOR_DEG = 6.0
 """Columns within such a sector have about the same residual and count as one sample. Tuned on the simulated cases of
-``sim evaluate``. @S:coarse_to_fine.SECTOR_DEG@"""
+``sim evaluate``. Sensitivity: not measured yet (``sim sensitivity``)."""
 KEPT_SIGMAS = 6.0
 """Cells whose disparity lies within so many standard deviations of the best one go on to the next round. Tuned on the scenario
-``twins``: a twin of the true place must not be cut. @S:coarse_to_fine.KEPT_SIGMAS@"""
+``twins``: a twin of the true place must not be cut. Sensitivity: not measured yet (``sim sensitivity``)."""
 NEIGHBOUR_CELLS = 2.0
 """Kept cells within this distance of a place tell its disparity."""
 

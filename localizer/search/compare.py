@@ -19,23 +19,24 @@ Floats = NDArray[np.float64]
 
 COMPARISON_ROUNDS = 2
 """How often each place is refitted from the offsets of the others. Tuned on the scenario ``twins``.
-@S:compare.COMPARISON_ROUNDS@"""
+Sensitivity: not measured yet (``sim sensitivity``)."""
 DECIDED_NATS = 15.0
-"""A place that leads by this much needs no further comparison. Tuned on the scenario ``twins``. @S:compare.DECIDED_NATS@"""
+"""A place that leads by this much needs no further comparison. Tuned on the scenario ``twins``. Sensitivity: not measured yet
+(``sim sensitivity``)."""
 EXPLAINED_SIGMAS = 3.0
 """A place explains a stretch of the horizon if the median residual is smaller."""
 GROSS_SIGMAS = 6.0
 """A median residual larger than this and than GROSS_RAD is a gross error. Tuned on the scenario ``twins``.
-@S:compare.GROSS_SIGMAS@"""
+Sensitivity: not measured yet (``sim sensitivity``)."""
 GROSS_RAD = np.radians(1.0)
-"""No error of a DEM is as large. Tuned on the scenario ``twins``. @S:compare.GROSS_RAD@"""
+"""No error of a DEM is as large. Tuned on the scenario ``twins``. Sensitivity: not measured yet (``sim sensitivity``)."""
 LEAST_INFORMATIVE_SHARE = 0.7
 """Only stretches with at least this share of informative columns are judged."""
 PARTS_PER_SECTOR = 3
 """Stretches in a sector of SECTOR_RAD: a summit is narrower than a sector."""
 GROSS_NATS = 10.0
 """Penalty for a gross error over a whole sector that another place explains. Tuned on the scenario ``twins``.
-@S:compare.GROSS_NATS@"""
+Sensitivity: not measured yet (``sim sensitivity``)."""
 
 
 @dataclass(frozen=True)

@@ -28,28 +28,30 @@ from localizer.search.reasons import (
 
 FIX_PROBABILITY = 0.99
 """Posterior probability from which the best place is a fix. Chosen, not tuned: it bounds
-the share of wrong fixes. @S:decide.FIX_PROBABILITY@"""
+the share of wrong fixes. Sensitivity: halved or doubled, no change (docs/sensitivity.md)."""
 LEAST_INLIERS = 0.6
 """Least share of inlier columns (within 3 sigma) at a place that is believed. Tuned on simulated cases inside
-and outside the DEM. @S:decide.LEAST_INLIERS@"""
+and outside the DEM. Sensitivity: halved or doubled, no change (docs/sensitivity.md)."""
 LEAST_EVIDENCE = 15.0
 """Least evidence (log Bayes factor) of a place that is believed. A DEM of a million cells has as many unrelated places,
-ln(1e6) = 13.8. Tuned on simulated cases inside and outside the DEM. @S:decide.LEAST_EVIDENCE@"""
+ln(1e6) = 13.8. Tuned on simulated cases inside and outside the DEM. Sensitivity: halved, no change; doubled, 2 of 5 statuses
+change (docs/sensitivity.md)."""
 TEMPERING_EXPONENT = 0.5
-"""Exponent on the likelihood when places are compared (power posterior): the error model is only approximately right. Tuned on
-the scenario ``twins``, so that stated probabilities are right as often as they say. @S:decide.TEMPERING_EXPONENT@"""
+"""Exponent on the likelihood when places are compared (power posterior): the error model is only approximately right. Tuned
+on the scenario ``twins``, so that stated probabilities are right as often as they say. Sensitivity: halved, 1 of 5 statuses
+changes; doubled, no change (docs/sensitivity.md)."""
 LEAST_MODE_SIGMA_CELLS = 0.1
 """Least standard deviation of a mode when places are compared: between the cells the surface is an interpolation. Tuned on the
-scenario ``twins``. @S:decide.LEAST_MODE_SIGMA_CELLS@"""
+scenario ``twins``. Sensitivity: halved or doubled, no change (docs/sensitivity.md)."""
 FIX_EVIDENCE = 25.0
 """Least evidence of a fix. Tuned on simulated cases inside and outside the DEM.
-@S:decide.FIX_EVIDENCE@"""
+Sensitivity: halved, no change; doubled, 1 of 5 statuses changes (docs/sensitivity.md)."""
 MOST_PRIOR_SIGMAS = 7.0
 """Largest normalised error of a reading at a place that is believed. Tuned on simulated cases inside and outside
-the DEM. @S:decide.MOST_PRIOR_SIGMAS@"""
+the DEM. Sensitivity: halved or doubled, no change (docs/sensitivity.md)."""
 LARGEST_FIX_SIGMA_CELLS = 5.0
 """Largest standard deviation of a fix. Tuned on simulated cases of ``sim evaluate``.
-@S:decide.LARGEST_FIX_SIGMA_CELLS@"""
+Sensitivity: halved or doubled, no change (docs/sensitivity.md)."""
 NEGLIGIBLE = 1e-4
 """Less probable places are not listed; their probability goes into ``elsewhere``."""
 

@@ -48,7 +48,7 @@ MOST_STARTS = 64
 """Cells from which coarse fits start, at least and at most."""
 START_SIGMAS = 4.0
 """A cell starts a fit if its disparity is within so many standard deviations of that of the best fit's cell. Tuned on the
-scenario ``twins``. @S:selection.START_SIGMAS@"""
+scenario ``twins``. Sensitivity: not measured yet (``sim sensitivity``)."""
 START_RADIUS_CELLS = 1.5
 """No two starts lie closer to each other."""
 LEAST_SHORTLISTED = 5
@@ -56,23 +56,24 @@ MOST_SHORTLISTED = 12
 """Short-listed places, at least (if there are so many) and at most."""
 SHORTLIST_COLUMN_NATS = 0.5
 """Largest deficit of the mean log-likelihood of a column for a place to be short-listed. Tuned on the simulated cases of
-``sim evaluate``. @S:selection.SHORTLIST_COLUMN_NATS@"""
+``sim evaluate``. Sensitivity: not measured yet (``sim sensitivity``)."""
 SHORTLIST_NATS = 12.0
 """Largest deficit of the log-likelihood of all independent columns, if that admits more places. Tuned on the scenario
-``twins``. @S:selection.SHORTLIST_NATS@"""
+``twins``. Sensitivity: not measured yet (``sim sensitivity``)."""
 SHORTLIST_ODDS_SHARE = 0.3
-"""Or log-odds of at least this share of the best ones. Tuned on the scenario ``twins``. @S:selection.SHORTLIST_ODDS_SHARE@"""
+"""Or log-odds of at least this share of the best ones. Tuned on the scenario ``twins``. Sensitivity: not measured yet (``sim
+sensitivity``)."""
 MODE_NATS = 30.0
 """A short-listed place whose log-odds are behind the best ones by more is no mode. Tuned on the scenario ``twins``.
-@S:selection.MODE_NATS@"""
+Sensitivity: not measured yet (``sim sensitivity``)."""
 UNREFINED_GAIN_NATS = 10.0
 """How much refinement may raise the log-odds of a place that was rejected before it. Tuned on the scenario ``twins``.
-@S:selection.UNREFINED_GAIN_NATS@"""
+Sensitivity: not measured yet (``sim sensitivity``)."""
 LEAST_LOG_ODDS = 5.0
 """Least log-odds of a mode other than the best. Tuned on the simulated cases of ``sim evaluate``.
-@S:selection.LEAST_LOG_ODDS@"""
+Sensitivity: not measured yet (``sim sensitivity``)."""
 MOST_MODES = 4
-"""Tuned on the time of a search: each mode costs a full refinement. @S:selection.MOST_MODES@"""
+"""Tuned on the time of a search: each mode costs a full refinement. Sensitivity: not measured yet (``sim sensitivity``)."""
 
 
 @dataclass(frozen=True)

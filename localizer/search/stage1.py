@@ -31,7 +31,7 @@ HEADINGS = 64
 """Heading hypotheses at most: one bit of the mask for each."""
 SIGMAS = 3.0
 """Half width of the error band in standard deviations. Tuned on the simulated cases of ``sim evaluate``: the true cell must
-stay. @S:stage1.SIGMAS@"""
+stay. Sensitivity: not measured yet (``sim sensitivity``)."""
 
 
 @dataclass(frozen=True)

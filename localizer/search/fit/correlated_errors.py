@@ -39,10 +39,11 @@ LENGTH_RANGE_CELLS = (2.0, 64.0)
 MOST_MODELS = 60
 """Models evaluated at most."""
 OUTLIER_NLL = 6.0
-"""Negative log-likelihood of an outlier column. Tuned on the scenario ``dem_error``. @S:fit.correlated_errors.OUTLIER_NLL@"""
+"""Negative log-likelihood of an outlier column. Tuned on the scenario ``dem_error``. Sensitivity: halved, places move by 0.3
+sigma, sigmas change by the factor 1.3; doubled, places move by 0.1 sigma (docs/sensitivity.md)."""
 NEGLIGIBLE_SHARE = 1e-3
 """Models whose likelihood is a smaller share of the best one's are left out of the average. Tuned on the scenario
-``dem_error``. @S:fit.correlated_errors.NEGLIGIBLE_SHARE@"""
+``dem_error``. Sensitivity: not measured yet (``sim sensitivity``)."""
 _NEIGHBOUR_STEPS = (
     *((-1, 0, 0), (1, 0, 0), (0, -1, 0), (0, 1, 0), (0, 0, -1), (0, 0, 1)),
     *((0, 1, 1), (0, -1, -1), (-1, 1, 0), (1, -1, 0)),

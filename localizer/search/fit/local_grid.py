@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 
 CHECKED_SHARE = 0.01
 """A distant grid point is checked for plausibility if it has this share of the posterior. Tuned on the scenario ``dem_error``.
-@S:fit.local_grid.CHECKED_SHARE@"""
+Sensitivity: not measured yet (``sim sensitivity``)."""
 MOST_CHECKED = 40
 """Grid points checked at most."""
 

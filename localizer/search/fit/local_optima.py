@@ -23,47 +23,48 @@ from localizer.search.fit.refine import LIKELIHOOD_FROM, Refined, refine
 Floats = NDArray[np.float64]
 
 GRID_CELLS = (2.4, 0.4)
-"""Reach and step of the search grid around a fit. Tuned on the scenario ``dem_error``. @S:fit.local_optima.GRID_CELLS@"""
+"""Reach and step of the search grid around a fit. Tuned on the scenario ``dem_error``. Sensitivity: not measured yet (``sim
+sensitivity``)."""
 GRID_STARTS = 3
 """Refits from the grid under each DEM error. Tuned on time and on the scenario ``dem_error``.
-@S:fit.local_optima.GRID_STARTS@"""
+Sensitivity: not measured yet (``sim sensitivity``)."""
 GRID_ERROR_FACTORS = (0.2, 1.5)
 """DEM errors on the grid, as factors of the nominal one. Tuned on the scenario ``dem_error``.
-@S:fit.local_optima.GRID_ERROR_FACTORS@"""
+Sensitivity: not measured yet (``sim sensitivity``)."""
 FINE_GRID_CELLS = (0.6, 0.15)
 """Reach and step of the finer grid, used if the refits end at different optima. Tuned on the scenario ``dem_error``.
-@S:fit.local_optima.FINE_GRID_CELLS@"""
+Sensitivity: not measured yet (``sim sensitivity``)."""
 MOMENT_GRID_CELLS = (3.0, 0.6)
 """Reach and step of the grid for the second moment. Tuned on the scenario ``dem_error``.
-@S:fit.local_optima.MOMENT_GRID_CELLS@"""
+Sensitivity: not measured yet (``sim sensitivity``)."""
 MOMENT_NATS = 15.0
 """A point of that grid is plausible if a short refit from it stays there and its evidence is lower by at most this. Tuned on
-the scenario ``dem_error``. @S:fit.local_optima.MOMENT_NATS@"""
+the scenario ``dem_error``. Sensitivity: not measured yet (``sim sensitivity``)."""
 MOMENT_ITERATIONS = 6
 """Iterations of that refit."""
 MOST_FINE_FITS = 4
-"""Optima that are refitted with fine columns. Tuned on time. @S:fit.local_optima.MOST_FINE_FITS@"""
+"""Optima that are refitted with fine columns. Tuned on time. Sensitivity: not measured yet (``sim sensitivity``)."""
 LEAST_EVIDENCE_TO_REFINE = 0.0
 """A place with less evidence explains nothing and is not refined further."""
 SAME_OPTIMUM_CELLS = 0.05
 """Fits this close together have reached the same optimum."""
 CLEAN_INLIER_SHARE = 0.98
 """With a larger inlier share no stretch of outliers can bias the fit. Tuned on the scenario ``dem_error``.
-@S:fit.local_optima.CLEAN_INLIER_SHARE@"""
+Sensitivity: not measured yet (``sim sensitivity``)."""
 STRICT_SIGMA_FACTOR = 0.3
 """Factor on the DEM error where outliers are identified in the strict fits: a stretch that biased the fit can then become an
-outlier. Tuned on the scenario ``dem_error``. @S:fit.local_optima.STRICT_SIGMA_FACTOR@"""
+outlier. Tuned on the scenario ``dem_error``. Sensitivity: not measured yet (``sim sensitivity``)."""
 MOST_STRICT_FITS = 2
 """Number of strict fits."""
 LIKELY_OPTIMUM_SHARE = 0.05
 """Optima with at least this share of the best one's posterior contribute to the evidence. Tuned on the scenario ``dem_error``.
-@S:fit.local_optima.LIKELY_OPTIMUM_SHARE@"""
+Sensitivity: not measured yet (``sim sensitivity``)."""
 SAME_PLACE_CELLS = 2.0
 """Fits this close together are one place."""
 TEMPERATURE_PER_M = 10.0
 """Temperature of the posterior over optima, 1 + this per metre of smooth DEM error. The error model is only approximately
 right: where one ridge occludes another, the horizon depends on details that the model lacks. Tuned on the scenario
-``dem_error``. @S:fit.local_optima.TEMPERATURE_PER_M@"""
+``dem_error``. Sensitivity: halved, no change; doubled, sigmas change by the factor 1.2 (docs/sensitivity.md)."""
 
 
 def best_local_optimum(problems: Problems, start: Refined, largest: float) -> Refined:

@@ -20,18 +20,22 @@ from localizer.search.fit.residuals import INTERPOLATION_ERROR_SHARE, Evaluation
 Floats = NDArray[np.float64]
 
 LEAST_DEM_ERROR_M = 0.1
-"""Least robust estimate of the DEM error. Tuned on the simulated cases of ``sim evaluate``. @S:fit.noise.LEAST_DEM_ERROR_M@"""
+"""Least robust estimate of the DEM error. Tuned on the simulated cases of ``sim evaluate``. Sensitivity: not measured yet
+(``sim sensitivity``)."""
 LEAST_SMOOTH_M = 0.05
-"""Least smooth DEM error. Tuned on the simulated cases of ``sim evaluate``. @S:fit.noise.LEAST_SMOOTH_M@"""
+"""Least smooth DEM error. Tuned on the simulated cases of ``sim evaluate``. Sensitivity: not measured yet (``sim
+sensitivity``)."""
 LEAST_ROUGH_SHARE = 0.15
 """Least rough DEM error, as a share of the interpolation error between the cells. Tuned on the scenario ``dem_error``.
-@S:fit.noise.LEAST_ROUGH_SHARE@"""
+Sensitivity: halved, places move by 0.3 sigma, sigmas change by the factor 1.5; doubled, 1 of 5 statuses changes, places move
+by 0.4 sigma, sigmas change by the factor 0.7 (docs/sensitivity.md)."""
 INITIAL_LENGTH_CELLS = 8.0
 """Correlation length until it is estimated: short, so that all columns count. Tuned on the scenario ``dem_error``.
-@S:fit.noise.INITIAL_LENGTH_CELLS@"""
+Sensitivity: halved, places move by 0.4 sigma, sigmas change by the factor 1.1; doubled, places move by 0.3 sigma
+(docs/sensitivity.md)."""
 LEAST_AUTOCORRELATION = 0.05
 """The sum of the autocorrelations is cut off where they fall below this. Tuned on the simulated cases of ``sim evaluate``.
-@S:fit.noise.LEAST_AUTOCORRELATION@"""
+Sensitivity: halved or doubled, no change (docs/sensitivity.md)."""
 
 
 @dataclass(frozen=True)

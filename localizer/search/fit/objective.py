@@ -18,7 +18,8 @@ Floats = NDArray[np.float64]
 
 GROUND_ERROR_FACTOR = 1.5
 """Error of the ground under the camera over that of a ridge, whose height follows from the profile of a whole mountain. Tuned
-on the simulated cases of ``sim evaluate``. @S:fit.objective.GROUND_ERROR_FACTOR@"""
+on the simulated cases of ``sim evaluate``. Sensitivity: halved, 1 of 5 statuses changes, places move by 0.4 sigma, sigmas
+change by the factor 0.7; doubled, 1 of 5 statuses changes, places move by 0.3 sigma (docs/sensitivity.md)."""
 
 
 def ordered_columns(

@@ -13,11 +13,13 @@ from localizer.search.fit.refine import Refined
 from localizer.search.fit.residuals import evaluate
 
 COARSE_COLUMNS = 120
-"""Columns of all frames together in coarse fits and on grids. Tuned on time. @S:fit.problems.COARSE_COLUMNS@"""
+"""Columns of all frames together in coarse fits and on grids. Tuned on time. Sensitivity: not measured yet (``sim
+sensitivity``)."""
 MIDDLE_COLUMNS = 480
-"""Columns in comparisons of places. Tuned on time. @S:fit.problems.MIDDLE_COLUMNS@"""
+"""Columns in comparisons of places. Tuned on time. Sensitivity: not measured yet (``sim sensitivity``)."""
 FINE_COLUMNS = 1000
-"""Columns in the fits that distinguish the optima around one place. Tuned on time. @S:fit.problems.FINE_COLUMNS@"""
+"""Columns in the fits that distinguish the optima around one place. Tuned on time. Sensitivity: not measured yet (``sim
+sensitivity``)."""
 LEAST_COLUMNS = 30
 """Fewer columns cannot determine a place."""
 

@@ -54,19 +54,20 @@ NOISE_UPDATES_WARM_AT = (2, 4)
 """The same for a fit that starts with the noise of another one (warm start)."""
 LIKELIHOOD_FROM = 8
 """From this iteration on the noise is estimated by marginal likelihood. Earlier, a smooth DEM error could explain the
-residuals of a place far from the optimum. Tuned on the scenario ``dem_error``. @S:fit.refine.LIKELIHOOD_FROM@"""
+residuals of a place far from the optimum. Tuned on the scenario ``dem_error``. Sensitivity: not measured yet (``sim
+sensitivity``)."""
 LEAST_DAMPING = 1e-6
 MOST_DAMPING = 50.0
 """Range of the damping lambda."""
 LEAST_GAIN_NATS = 2e-2
 """A step that lowers the negative log-posterior by less ends the fit. Tuned on time and on the scenario ``dem_error``.
-@S:fit.refine.LEAST_GAIN_NATS@"""
+Sensitivity: not measured yet (``sim sensitivity``)."""
 PLACE_SHIFT_PER_M = 1.0
 """Standard deviation of the place per metre of smooth DEM error, beyond the linearised covariance. Tuned on the scenario
-``dem_error``. @S:fit.refine.PLACE_SHIFT_PER_M@"""
+``dem_error``. Sensitivity: halved or doubled, no change (docs/sensitivity.md)."""
 RESAMPLING_SHIFT_CELLS = 0.015
 """Standard deviation of the place, in cells, when the same cells are interpolated by another surface. Tuned on the simulated
-cases of ``sim evaluate``, whose terrain is triangulated. @S:fit.refine.RESAMPLING_SHIFT_CELLS@"""
+cases of ``sim evaluate``, whose terrain is triangulated. Sensitivity: halved or doubled, no change (docs/sensitivity.md)."""
 
 
 @dataclass(frozen=True)

@@ -36,16 +36,19 @@ DIFFERENCE_STEP_M = 0.5
 """Step of the central differences by place and altitude."""
 INTERPOLATION_ERROR_SHARE = 0.1
 """Interpolation error between the cells, as a share of the second difference from cell to cell. Tuned on the scenario
-``dem_error``. @S:fit.residuals.INTERPOLATION_ERROR_SHARE@"""
+``dem_error``. Sensitivity: halved, 1 of 5 statuses changes, places move by 0.5 sigma, sigmas change by the factor 0.7;
+doubled, places move by 0.4 sigma, sigmas change by the factor 0.8 (docs/sensitivity.md)."""
 SUMMIT_SMOOTHING_SHARE = 0.5
 """A DEM is too low at summits: standard deviation, as a share of the height of a cell above its four neighbours. Tuned on the
-scenario ``twins``. @S:fit.residuals.SUMMIT_SMOOTHING_SHARE@"""
+scenario ``twins``. Sensitivity: halved, places move by 0.4 sigma, sigmas change by the factor 0.8; doubled, places move by
+0.2 sigma, sigmas change by the factor 0.9 (docs/sensitivity.md)."""
 LARGEST_SLOPE = 5.0
-"""Larger slopes of the skyline count as this in the variances. Tuned on ``sim evaluate --estimator-only``.
-@S:fit.residuals.LARGEST_SLOPE@"""
+"""Larger slopes of the skyline count as this in the variances. Tuned on ``sim evaluate --estimator-only``. Sensitivity:
+halved, places move by 0.2 sigma; doubled, places move by 0.1 sigma, sigmas change by the factor 1.1 (docs/sensitivity.md)."""
 LATERAL_ERROR_SHARE = 0.5
-"""Horizontal error of a DEM as a share of its vertical error. Tuned on the simulated cases of ``sim evaluate``.
-@S:fit.residuals.LATERAL_ERROR_SHARE@"""
+"""Horizontal error of a DEM as a share of its vertical error. Tuned on the simulated cases of ``sim evaluate``. Sensitivity:
+halved, places move by 0.2 sigma; doubled, 1 of 5 statuses changes, places move by 0.5 sigma, sigmas change by the factor 0.7
+(docs/sensitivity.md)."""
 
 
 @dataclass
