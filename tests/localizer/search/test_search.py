@@ -42,12 +42,19 @@ def terrain() -> Terrain:
     return prepare_terrain(load_dem([SANTA_CRUZ]))
 
 
+@pytest.fixture(scope="module")
+def plain(terrain):
+    """An ordinary observation, and the search's answer to it."""
+    observation = observe(terrain)
+    return observation, locate(terrain, observation)
+
+
 def error_cells(located, place=PLACE) -> float:
     return float(np.hypot(located.best.row - place[0], located.best.col - place[1]))
 
 
-def test_the_place_is_found_within_a_small_part_of_a_cell(terrain):
-    located = locate(terrain, observe(terrain))
+def test_the_place_is_found_within_a_small_part_of_a_cell(plain):
+    _, located = plain
     assert located.decision.status == "fix"
     assert error_cells(located) < 0.05
     assert located.best.azimuth_bias_deg == pytest.approx(0.7, abs=0.15)
@@ -231,8 +238,9 @@ def test_a_track_does_without_that_frame_too(terrain):
     assert "without frame frame 1" in step_text(step)
 
 
-def test_frames_that_agree_are_all_kept(terrain):
-    answer = checked_answer(terrain, observe(terrain))
+def test_frames_that_agree_are_all_kept(terrain, plain):
+    observation, located = plain
+    answer = check_frames(terrain, observation, located, lambda fewer: locate(terrain, fewer))
     assert answer.left_out is None
     assert min(answer.agreement.values()) > 0.9
 
@@ -368,9 +376,8 @@ def test_a_prior_keeps_the_search_within_its_circle(terrain):
     assert locate(terrain, dataclasses.replace(observe(terrain), prior=wrong)).decision.status == "none"
 
 
-def test_the_fix_follows_the_contract(terrain):
-    observation = observe(terrain)
-    located = locate(terrain, observation)
+def test_the_fix_follows_the_contract(terrain, plain):
+    observation, located = plain
     fix = fix_of(terrain, observation, located, "a bundle", located.timing_s)
     reread = Fix.model_validate_json(fix.to_json())
     assert reread.position.crs == "EPSG:32610"
