@@ -14,7 +14,7 @@ from pyproj import CRS, Geod, Transformer
 from localizer.dem.crs import geographic_crs
 from localizer.dem.datum import datum_shift, unknown_datum_note
 from localizer.dem.geodesy import (
-    after,
+    geodesic_end,
     geodesic_expansion,
     lonlat_to_rowcol,
     meridian_convergence_deg,
@@ -194,7 +194,7 @@ def goes_north(dem, distance_m=1000.0):
     row, col = (dem.rows - 1) / 2, (dem.cols - 1) / 2
     lon, lat = (float(v) for v in rowcol_to_lonlat(dem, row, col))
     to_lon, to_lat = rowcol_to_lonlat(
-        dem, *after(geodesic_expansion(dem).at(row, col)[0], row, col, 0.0, distance_m)
+        dem, *geodesic_end(geodesic_expansion(dem).at(row, col)[0], row, col, 0.0, distance_m)
     )
     azimuth_deg, _, length_m = WGS84.inv(lon, lat, float(to_lon), float(to_lat))
     return azimuth_deg, length_m

@@ -37,7 +37,7 @@ from localizer.search.prior_circle import cells_within_prior
 from localizer.show.candidates import places
 from localizer.show.posterior import posterior
 from localizer.show.report_folder import files_beside
-from localizer.track.gaussian_place import moved, place
+from localizer.track.gaussian_place import displaced, gaussian_place
 
 GEOD = Geod(ellps="WGS84")
 STEP = 1 / 3600
@@ -141,11 +141,11 @@ def test_a_position_is_wrapped_whoever_makes_it():
 
 def test_a_vehicle_that_drives_over_the_date_line_is_tracked_over_it():
     sigma = np.eye(2)
-    there = moved(place(52.0, 179.9999, sigma, 0.0 * sigma), np.array([50.0, 0.0]), sigma)
+    there = displaced(gaussian_place(52.0, 179.9999, sigma, 0.0 * sigma), np.array([50.0, 0.0]), sigma)
     assert -180.0 <= there.lon_deg < -179.9
-    back = moved(there, np.array([-50.0, 0.0]), sigma)
+    back = displaced(there, np.array([-50.0, 0.0]), sigma)
     assert back.lon_deg == pytest.approx(179.9999, abs=1e-6)
-    assert moved(place(0.0, 180.0, sigma, 0.0 * sigma), np.zeros(2), sigma).lon_deg == -180.0
+    assert displaced(gaussian_place(0.0, 180.0, sigma, 0.0 * sigma), np.zeros(2), sigma).lon_deg == -180.0
 
 
 @pytest.mark.parametrize("text", ["34.3,241.8", "34.3,-118.2", "34.3, -118.2"])
