@@ -88,7 +88,7 @@ def with_picture(bundle_dir, edit_bundle):
     return change
 
 
-@pytest.mark.parametrize("quarters", [0, 1, 2, 3])
+@pytest.mark.parametrize("quarter_turns", [0, 1, 2, 3])
 def test_the_skyline_is_found_whichever_way_the_camera_hangs(with_picture, quarter_turns):
     upright_bundle = with_picture(scene())
     expected = frame_skyline(upright_bundle, upright_bundle.frames[0])
@@ -224,7 +224,7 @@ def test_a_camera_that_says_nothing_of_it_is_written_without(bundle_dir):
     assert "focal_sigma_fraction" not in text
 
 
-@pytest.mark.parametrize("quarters", [0, 1, 2, 3])
+@pytest.mark.parametrize("quarter_turns", [0, 1, 2, 3])
 def test_what_is_drawn_is_measured_across_the_horizon(quarter_turns):
     """Five pixels above the predicted skyline, whichever way the frame lies."""
     from localizer.search.details import FrameDetail
