@@ -133,6 +133,7 @@ class Camera(_Part):
 
     Examples
     --------
+    >>> import localizer
     >>> localizer.Camera(width_px=640, height_px=480, fx_px=492.8, fy_px=492.8, cx_px=319.5, cy_px=239.5).distortion
     (0.0, 0.0, 0.0, 0.0, 0.0)
     """

@@ -42,7 +42,9 @@ if TYPE_CHECKING:
     help="Where sensitivity.md and variants.jsonl go; variants that are there already are not run again.",
 )
 @click.option("--cases", type=click.IntRange(min=1), default=1, show_default=True, help="Of each scenario.")
-@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Another seed, other cases.")
+@click.option(
+    "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Another seed, other cases."
+)
 @click.option(
     "--only",
     multiple=True,

@@ -16,7 +16,17 @@ Image = NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class TimedFrame:
-    """A frame (height, width, 3), BGR. It reached the computer between ``not_before_s`` (monotonic) and ``arrived``."""
+    """A frame, and when it reached the computer: between ``not_before_s`` and ``arrived``.
+
+    Attributes
+    ----------
+    image_bgr : array of uint8
+        (height, width, 3): blue, green, red.
+    not_before_s : float
+        On ``time.monotonic``'s clock.
+    arrived : Instant
+        On both clocks: ``monotonic_s`` and ``utc``.
+    """
 
     image_bgr: Image
     not_before_s: float

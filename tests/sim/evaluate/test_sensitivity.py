@@ -77,7 +77,7 @@ def test_every_constant_can_be_changed_and_says_that_it_is_tuned(tuned, tmp_path
         change_constant(tmp_path, tuned, factor)
     assert (tmp_path / path).read_text(encoding="utf-8") != source
     ast.parse((tmp_path / path).read_text(encoding="utf-8"))
-    assert re.search("Tuned on|Chosen", docstring_of(source, tuned.name))
+    assert re.search(r"Tuned\s+on|Chosen", docstring_of(source, tuned.name))
 
 
 def docstring_of(source: str, name: str) -> str:
