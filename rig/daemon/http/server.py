@@ -24,7 +24,9 @@ from rig.errors import RigError
 
 _log = logging.getLogger(__name__)
 
-MAX_CONNECTIONS = 64
+MAX_REQUESTS = 512
+"""Limit of requests, those included whose client has just gone: a delayed one notices that after a moment. Beyond it uvicorn
+answers 503. Open connections have a lower limit (``rig.daemon.http.idle_timeout``)."""
 STREAMS_END_S = 1
 """Time (whole seconds) for running requests at shutdown before they are cut off."""
 STOP_S = 2.0
@@ -66,7 +68,7 @@ def serving(
             access_log=False,
             proxy_headers=False,
             server_header=False,
-            limit_concurrency=MAX_CONNECTIONS,
+            limit_concurrency=MAX_REQUESTS,
             timeout_graceful_shutdown=STREAMS_END_S,
         )
     )
