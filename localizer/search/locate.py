@@ -1,9 +1,11 @@
 """The search from end to end: from a bundle, or an observation, to a result. See ``localizer.search`` for its stages."""
 
+import math
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +14,7 @@ from localizer.bundle import Bundle
 from localizer.dem.horizon import Terrain, horizon, horizon_around
 from localizer.dem.lattice import Dem
 from localizer.dem.prepared import prepared
+from localizer.fix import Fix
 from localizer.observation import FrameObservation, Observation, PriorCircle
 from localizer.search.altitude_reference import diagnose_altimeter, with_datum_uncertainty
 from localizer.search.answer import Located, fix_of
@@ -21,7 +24,7 @@ from localizer.search.decide import Decision, no_place, with_refined_best
 from localizer.search.details import LocateResult
 from localizer.search.fit.refine import Refined
 from localizer.search.frame_details import details_of, usable_columns
-from localizer.search.leave_one_out import check_frames
+from localizer.search.leave_one_out import CheckedAnswer, check_frames
 from localizer.search.prior_circle import cells_within_prior
 from localizer.search.reasons import no_ground_at_altitude, no_match, no_skyline
 from localizer.search.selection import refined_on_exact_dem, select_place
@@ -67,15 +70,36 @@ def locate_bundle(bundle: Bundle, dem: Dem) -> LocateResult:
     located = locate(terrain, observation)
     timing = {**stopwatch.seconds, **located.timing_s}
     with stopwatch.part("frames"):
-        checked = check_frames(
-            terrain, observation, located, lambda fewer: locate(terrain, fewer, retry_all_cells=False)
-        )
+        checked = check_located(terrain, observation, located)
     timing["frames"] = stopwatch.seconds["frames"]
-    fix = fix_of(terrain, observation, checked.located, bundle.id, timing)
-    fix = diagnose_altimeter(
-        terrain, observation, fix, lambda blind: locate(terrain, blind, retry_all_cells=False)
-    )
+    fix = diagnosed_fix(terrain, observation, checked.located, bundle.id, timing)
     return LocateResult(fix, details_of(terrain, bundle, observation, skylines, checked))
+
+
+def check_located(terrain: Terrain, observation: Observation, located: Located) -> CheckedAnswer:
+    """How each frame fits the answer of a search, and the answer without a frame that contradicts the others."""
+    return check_frames(terrain, observation, located, partial(_locate_once, terrain))
+
+
+def diagnosed_fix(
+    terrain: Terrain,
+    observation: Observation,
+    located: Located,
+    name: str,
+    timing_s: dict[str, float],
+    within_s: float = math.inf,
+) -> Fix:
+    """The fix of a search; where that found no place, its reason says whether the altitude is to blame.
+
+    ``name``: what the fix calls the bundle. ``within_s``: as of ``diagnose_altimeter``.
+    """
+    fix = fix_of(terrain, observation, located, name, timing_s)
+    return diagnose_altimeter(terrain, observation, fix, partial(_locate_once, terrain), within_s)
+
+
+def _locate_once(terrain: Terrain, observation: Observation) -> Located:
+    """For a search that is tried again with less: one that fits nowhere is not repeated over all cells."""
+    return locate(terrain, observation, retry_all_cells=False)
 
 
 def load_kernels(terrain: Terrain) -> None:

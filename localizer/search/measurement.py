@@ -8,12 +8,10 @@ from localizer.dem.crs import wrapped_lon_deg
 from localizer.dem.lattice import Dem
 from localizer.dem.prepared import prepared
 from localizer.observation import Observation, PriorCircle
-from localizer.search.altitude_reference import diagnose_altimeter, with_datum_uncertainty
-from localizer.search.answer import fix_of
+from localizer.search.altitude_reference import with_datum_uncertainty
 from localizer.search.details import LocateResult
 from localizer.search.frame_details import details_of_contours
-from localizer.search.leave_one_out import check_frames
-from localizer.search.locate import load_kernels, locate_bundle, observe
+from localizer.search.locate import check_located, diagnosed_fix, load_kernels, locate_bundle, observe
 from localizer.search.locate import locate as locate_contours
 from localizer.skyline.find import Skyline
 from localizer.skyline.upright import frame_skyline
@@ -92,13 +90,8 @@ def locate(
         measurement if prior is None else replace(measurement, prior=prior), dem
     )
     located = locate_contours(terrain, observation)
-    checked = check_frames(
-        terrain, observation, located, lambda fewer: locate_contours(terrain, fewer, retry_all_cells=False)
-    )
-    fix = fix_of(terrain, observation, checked.located, name, located.timing_s)
-    fix = diagnose_altimeter(
-        terrain, observation, fix, lambda blind: locate_contours(terrain, blind, retry_all_cells=False)
-    )
+    checked = check_located(terrain, observation, located)
+    fix = diagnosed_fix(terrain, observation, checked.located, name, located.timing_s)
     return LocateResult(fix, details_of_contours(terrain, observation, checked))
 
 

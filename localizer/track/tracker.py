@@ -25,7 +25,7 @@ from localizer.documents import DocumentError, json_text
 from localizer.errors import SkyfixError
 from localizer.fix import Fix
 from localizer.observation import Observation, PriorCircle
-from localizer.search.altitude_reference import diagnose_altimeter, with_datum_uncertainty
+from localizer.search.altitude_reference import with_datum_uncertainty
 from localizer.search.answer import Located, fix_of
 from localizer.search.decide import (
     FIX_EVIDENCE,
@@ -37,8 +37,8 @@ from localizer.search.decide import (
 )
 from localizer.search.fit.local_optima import SAME_PLACE_CELLS
 from localizer.search.fit.refine import Refined
-from localizer.search.leave_one_out import CheckedAnswer, check_frames
-from localizer.search.locate import load_kernels, locate, observe
+from localizer.search.leave_one_out import CheckedAnswer
+from localizer.search.locate import check_located, diagnosed_fix, load_kernels, locate, observe
 from localizer.search.reasons import excluded_by_track, several_places
 from localizer.skyline.upright import frame_skyline
 from localizer.track.gaussian_place import GEOD, GaussianPlace, gaussian_place
@@ -278,14 +278,7 @@ def follow(
     located = checked.located
     timing = {**(timing_s or {}), **located.timing_s}
     if located.best is None:
-        fix = fix_of(terrain, observation, located, bundle_id, timing)
-        fix = diagnose_altimeter(
-            terrain,
-            observation,
-            fix,
-            lambda o: locate(terrain, o, retry_all_cells=False),
-            LONGEST_REPEATED_SEARCH_S,
-        )
+        fix = diagnosed_fix(terrain, observation, located, bundle_id, timing, LONGEST_REPEATED_SEARCH_S)
         kept = tuple(Posterior(h, None) for h in displaced.now.hypotheses)
         return Step(bundle_id, mode, fix, kept, displaced, None)
     decision = located.decision
@@ -334,10 +327,7 @@ def _search(tracker: Tracker, terrain: Terrain, observation: Observation) -> tup
 
 def _checked_search(terrain: Terrain, observation: Observation) -> CheckedAnswer:
     """Search, with the leave-one-out check of the frames."""
-    located = locate(terrain, observation)
-    return check_frames(
-        terrain, observation, located, lambda fewer: locate(terrain, fewer, retry_all_cells=False)
-    )
+    return check_located(terrain, observation, locate(terrain, observation))
 
 
 def _bootstrap_circle(tracker: Tracker, terrain: Terrain) -> PriorCircle | None:

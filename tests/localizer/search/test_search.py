@@ -26,8 +26,8 @@ from localizer.search.fit.problem import Problem
 from localizer.search.fit.problems import problems_of, without_edge_columns
 from localizer.search.fit.refine import Refined, refine
 from localizer.search.fit.residuals import evaluate
-from localizer.search.leave_one_out import CheckedAnswer, check_frames, frame_agreement
-from localizer.search.locate import locate
+from localizer.search.leave_one_out import CheckedAnswer, frame_agreement
+from localizer.search.locate import check_located, locate
 from localizer.search.locate import observe as observation_of
 from localizer.search.stage1 import bands, heading_offsets_deg, search_stage1
 from localizer.skyline.find import ColumnState, Skyline
@@ -197,10 +197,7 @@ def test_an_occluded_central_column_does_not_lose_the_place(terrain):
 
 
 def checked_answer(terrain: Terrain, observation: Observation) -> CheckedAnswer:
-    located = locate(terrain, observation)
-    return check_frames(
-        terrain, observation, located, lambda fewer: locate(terrain, fewer, retry_all_cells=False)
-    )
+    return check_located(terrain, observation, locate(terrain, observation))
 
 
 def with_tilt_misread(terrain: Terrain) -> Observation:
@@ -240,7 +237,7 @@ def test_a_track_does_without_that_frame_too(terrain):
 
 def test_frames_that_agree_are_all_kept(terrain, plain):
     observation, located = plain
-    answer = check_frames(terrain, observation, located, lambda fewer: locate(terrain, fewer))
+    answer = check_located(terrain, observation, located)
     assert answer.left_out is None
     assert min(answer.agreement.values()) > 0.9
 
