@@ -174,13 +174,9 @@ def version_option(program: str) -> Callable[[F], F]:
 
     def show(context: click.Context, _parameter: click.Parameter, asked: bool) -> None:
         if asked and not context.resilient_parsing:
-            from importlib import metadata  # slow to import, and seldom asked for
+            from localizer.version import __version__  # slow to import, and seldom asked for
 
-            try:
-                version = metadata.version("skyfix")
-            except metadata.PackageNotFoundError:  # the source is run without being installed
-                version = "unknown"
-            click.echo(f"{program} {version}")
+            click.echo(f"{program} {__version__}")
             context.exit()
 
     return click.option(

@@ -8,7 +8,7 @@ import numpy as np
 from rig.capture.averaged_readings import utc_text
 from rig.clock import Instant
 from rig.daemon.state import Answer, Snapshot
-from rig.version import package_version
+from rig.version import __version__
 
 BEGINNING = "starting", "connecting"
 """Activities during which a device that does not work has not failed yet."""
@@ -20,7 +20,7 @@ def status_json(snapshot: Snapshot) -> dict[str, Any]:
     return {
         "schema": "skyfix.status/1",
         "time": utc_text(now.utc),
-        "version": package_version(),
+        "version": __version__,
         "started": utc_text(snapshot.started.utc),
         "activity": snapshot.activity,
         "degraded": snapshot.degraded,

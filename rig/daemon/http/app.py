@@ -43,7 +43,7 @@ from rig.daemon.http.request_limits import RequestLimits
 from rig.daemon.publish.published import newest_answer
 from rig.daemon.readiness import why_not_ready_in_full
 from rig.daemon.state import Actions, DaemonState
-from rig.version import package_version
+from rig.version import __version__
 
 PAGE = Path(__file__).parent / "page"
 MAX_THREADS = 8
@@ -79,7 +79,7 @@ def make_app(
 
     app = FastAPI(
         title="skyfix",
-        version=package_version(),
+        version=__version__,
         description=DESCRIPTION,
         lifespan=lifespan,
         docs_url=None,

@@ -6,7 +6,7 @@ from starlette.responses import JSONResponse
 from rig.daemon.heartbeat import Heartbeats
 from rig.daemon.readiness import why_not_ready
 from rig.daemon.state import DaemonState
-from rig.version import package_version
+from rig.version import __version__
 
 
 def add_health(app: FastAPI, daemon_state: DaemonState, heartbeats: Heartbeats | None) -> None:
@@ -21,7 +21,7 @@ def add_health(app: FastAPI, daemon_state: DaemonState, heartbeats: Heartbeats |
         body = {
             "alive": not stalled,
             "ready": not stalled and problem is None,
-            "version": package_version(),
+            "version": __version__,
             "problems": [*stalled, *([problem] if problem else [])],
         }
         return JSONResponse(body, 503 if stalled else 200)

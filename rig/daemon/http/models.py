@@ -24,7 +24,7 @@ from rig.daemon.state import (
     TriggerAnswer,
     TriggerSource,
 )
-from rig.version import package_version
+from rig.version import __version__
 
 MAX_HYPOTHESES = 50
 
@@ -267,7 +267,7 @@ def state_of(snapshot: Snapshot, valid_s: float, can_act: bool, now: Instant) ->
         return latest_answer(answer, snapshot, valid_s, now) if answer else None
 
     return State(
-        version=package_version(),
+        version=__version__,
         storage=snapshot.storage,
         now=now.utc,
         started=snapshot.started.utc,
