@@ -1,10 +1,7 @@
 """How the pages become a site (`make docs`). Sphinx reads this file."""
 
-import re
 import sys
 from pathlib import Path
-
-from sphinx.application import Sphinx
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -46,19 +43,3 @@ html_show_copyright = False
 html_show_sphinx = False
 html_copy_source = False
 html_theme_options: dict[str, object] = {"footer_icons": []}
-
-
-def _navigation_of_what_exists(app: Sphinx, page: str, source: list[str]) -> None:
-    """Leave lines of the home page's navigation out whose page is not written yet."""
-    if page == "index":
-        written = (
-            line
-            for line in source[0].splitlines()
-            if not re.fullmatch(r"[a-z]+/[a-z-]+|[a-z-]+", line) or (Path(app.srcdir) / f"{line}.md").exists()
-        )
-        source[0] = "\n".join(written)
-
-
-def setup(app: Sphinx) -> None:
-    """Called by Sphinx."""
-    app.connect("source-read", _navigation_of_what_exists)
