@@ -1,5 +1,6 @@
-"""The public Python API of ``rig`` and ``sim``: light to import, whole, described in one style, and its examples run."""
+"""The public Python API: of all packages light to import and whole; of ``rig`` and ``sim`` its style, and its examples run."""
 
+import ast
 import doctest
 import inspect
 import itertools
@@ -13,11 +14,14 @@ from types import ModuleType
 from typing import Any
 
 import pytest
+from doc_examples import examples_of, require_what_it_says
 from fakes.example_devices import example_names
 
+import localizer
 import rig
 import sim
 
+ALL = {"localizer": localizer, "rig": rig, "sim": sim}
 PACKAGES = {"rig": rig, "sim": sim}
 NAMES = [(package, name) for package in PACKAGES for name in PACKAGES[package].__all__]
 SLOW = {"numpy", "scipy", "numba", "cv2", "pydantic", "rasterio", "pyproj", "matplotlib", "click", "fastapi"}
@@ -28,34 +32,45 @@ def exported(package: str, name: str) -> Any:
     return getattr(PACKAGES[package], name)
 
 
-@pytest.mark.parametrize("module", ["rig", "sim", "rig.errors", "sim.errors", "sim.pytest_plugin"])
+@pytest.mark.parametrize(
+    "module", [*ALL, "localizer.errors", "rig.errors", "sim.errors", "sim.pytest_plugin"]
+)
 def test_importing_it_loads_nothing_slow(module: str) -> None:
-    code = f"import json, sys, {module}; print(json.dumps(sorted({{name.split('.')[0] for name in sys.modules}})))"
+    code = f"import json, sys; before = list(sys.modules); import {module}; print(json.dumps([before, list(sys.modules)]))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert not SLOW & set(json.loads(done.stdout))
+    before, after = (set(names) for names in json.loads(done.stdout))
+    assert module in after
+    assert not SLOW & {name.split(".")[0] for name in after}
+    if module in ALL:
+        assert not {name for name in after if name.startswith(f"{module}.")}
+        assert "importlib.metadata" not in after - before  # the start of an editable install may import it
 
 
-@pytest.mark.parametrize(("package", "name"), NAMES)
+@pytest.mark.parametrize(
+    ("package", "name"), [(package, name) for package in ALL for name in ALL[package].__all__]
+)
 def test_each_name_resolves_and_none_is_a_module(package: str, name: str) -> None:
-    assert not isinstance(exported(package, name), ModuleType)
-    folder = Path(str(PACKAGES[package].__file__)).parent
+    thing = getattr(ALL[package], name)
+    assert thing is not None
+    assert not isinstance(thing, ModuleType)
+    folder = Path(str(ALL[package].__file__)).parent
     assert not (folder / name).exists()
     assert not (folder / f"{name}.py").exists()
 
 
-@pytest.mark.parametrize("package", PACKAGES)
+@pytest.mark.parametrize("package", ALL)
 def test_the_stub_and_the_package_export_the_same(package: str) -> None:
     """``__all__`` of the stub is what type checkers see, the imports in it are what there is."""
-    stub = Path(str(PACKAGES[package].__file__)).with_suffix(".pyi").read_text(encoding="utf-8")
-    listed = stub.partition("__all__ = ")[2]
-    assert sorted(json.loads(listed.replace(",\n]", "]"))) == sorted(PACKAGES[package].__all__)
-    assert set(PACKAGES[package].__all__) <= set(dir(PACKAGES[package]))
+    tree = ast.parse(Path(str(ALL[package].__file__)).with_suffix(".pyi").read_text(encoding="utf-8"))
+    (named,) = (ast.literal_eval(node.value) for node in tree.body if isinstance(node, ast.Assign))
+    assert sorted(named) == sorted(ALL[package].__all__)
+    assert set(ALL[package].__all__) <= set(dir(ALL[package]))
 
 
 def test_versions() -> None:
     from importlib.metadata import version
 
-    assert rig.__version__ == sim.__version__ == version("skyfix")
+    assert localizer.__version__ == rig.__version__ == sim.__version__ == version("skyfix")
 
 
 def sections(text: str) -> list[str]:
@@ -113,7 +128,6 @@ def test_methods_say_what_their_parameters_are(name: str, method: Any) -> None:
 
 def with_examples() -> Iterator[Any]:
     """Every docstring of the public API that has an example: the packages', those of names, those of public methods."""
-    finder = doctest.DocTestFinder(recurse=False)
     for package, module in PACKAGES.items():
         things: dict[str, Any] = {package: module}
         for name in module.__all__:
@@ -122,11 +136,13 @@ def with_examples() -> Iterator[Any]:
             if inspect.isclass(thing):
                 methods = inspect.getmembers(thing, inspect.isroutine)
                 things |= {f"{package}.{name}.{m}": method for m, method in methods if not m.startswith("_")}
-        for name, thing in things.items():
-            if inspect.ismodule(thing) or inspect.isfunction(thing) or inspect.isclass(thing):
-                yield from (
-                    test for test in finder.find(thing, name, module=False, globs={}) if test.examples
-                )
+        yield from examples_of(
+            {
+                name: thing
+                for name, thing in things.items()
+                if inspect.ismodule(thing) or inspect.isfunction(thing) or inspect.isclass(thing)
+            }
+        )
 
 
 EXAMPLES = list(with_examples())
@@ -143,10 +159,7 @@ def test_an_example_shows_what_it_says(
     example: doctest.DocTest, names: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    example.globs = dict(names)
-    said: list[str] = []
-    doctest.DocTestRunner(optionflags=doctest.ELLIPSIS).run(example, out=said.append)
-    assert not said, "".join(said)
+    require_what_it_says(example, names)
 
 
 def test_every_public_function_has_an_example() -> None:
@@ -182,7 +195,7 @@ def test_what_went_wrong_in_a_block_is_not_hidden_by_what_goes_wrong_when_it_is_
 
 
 def test_a_type_checker_knows_the_exported_types(tmp_path: Path) -> None:
-    for package in PACKAGES.values():
+    for package in ALL.values():
         assert (Path(str(package.__file__)).parent / "py.typed").is_file()
 
 

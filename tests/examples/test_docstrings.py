@@ -2,23 +2,17 @@
 
 import doctest
 import inspect
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+from doc_examples import examples_of, require_what_it_says
 
 import localizer
 
-
-def _examples() -> Iterator[doctest.DocTest]:
-    finder = doctest.DocTestFinder(recurse=False)
-    named = [("localizer", localizer), *((name, getattr(localizer, name)) for name in localizer.__all__)]
-    for name, thing in named:
-        yield from (test for test in finder.find(thing, name, globs={}) if test.examples)
-
-
-EXAMPLES = list(_examples())
+EXAMPLES = list(
+    examples_of({"localizer": localizer} | {name: getattr(localizer, name) for name in localizer.__all__})
+)
 
 
 @pytest.mark.long
@@ -26,11 +20,7 @@ EXAMPLES = list(_examples())
 def test_the_example_in_a_docstring_gives_what_it_says(
     example: doctest.DocTest, in_drive: Path, result: localizer.LocateResult
 ) -> None:
-    said: list[str] = []
-    runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS)
-    example.globs = {"localizer": localizer, "Path": Path, "result": result}
-    runner.run(example, out=said.append)
-    assert not said, "".join(said)
+    require_what_it_says(example, {"localizer": localizer, "Path": Path, "result": result})
 
 
 def test_every_function_has_an_example() -> None:
