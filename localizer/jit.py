@@ -9,6 +9,7 @@ from typing import Any, TypeVar, cast
 import numba
 
 from localizer.errors import SkyfixError
+from localizer.kernel_cache import keep_on_disk
 
 _log = logging.getLogger(__name__)
 
@@ -21,12 +22,15 @@ def kernel(*, parallel: bool = False, inline: bool = False) -> Callable[[Functio
 
     ``error_model="numpy"`` lets a division by zero give an infinity, as in the array code around the kernels.
     """
-    return cast(
-        Callable[[Function], Function],
-        numba.njit(
-            cache=True, parallel=parallel, error_model="numpy", inline="always" if inline else "never"
-        ),
-    )
+
+    def compiled(function: Function) -> Function:
+        dispatcher = numba.njit(
+            parallel=parallel, error_model="numpy", inline="always" if inline else "never"
+        )(function)
+        keep_on_disk(dispatcher)
+        return cast(Function, dispatcher)
+
+    return compiled
 
 
 def recompiled_if_damaged(load: Callable[[], T]) -> T:

@@ -6,9 +6,9 @@ Textures are fixed to the terrain: the same rock appears at the same place from 
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from sim.jit import kernel
 from sim.render.noise_texture import WAVELENGTH, noise_at
 from sim.render.sky import Daylight
 from sim.world.surface import Surface
@@ -92,20 +92,20 @@ def _cast_shadows(
     return np.ascontiguousarray(lit.T if by_columns else lit)
 
 
-@njit(cache=True, inline="always", error_model="numpy", fastmath=True)
+@kernel(inline="always", error_model="numpy", fastmath=True)
 def _ramp(low, high, x):  # type: ignore[no-untyped-def]
     t = min(max((x - low) / (high - low), 0.0), 1.0)
     return t * t * (3.0 - 2.0 * t)
 
 
-@njit(cache=True, inline="always", error_model="numpy", fastmath=True)
+@kernel(inline="always", error_model="numpy", fastmath=True)
 def _lattice_mean(values, i, j, fi, fj):  # type: ignore[no-untyped-def]
     upper = values[i, j] * (1.0 - fj) + values[i, j + 1] * fj
     lower = values[i + 1, j] * (1.0 - fj) + values[i + 1, j + 1] * fj
     return upper * (1.0 - fi) + lower * fi
 
 
-@njit(cache=True, inline="always", error_model="numpy", fastmath=True)
+@kernel(inline="always", error_model="numpy", fastmath=True)
 def _relief(texture, x, y, footprint_m):  # type: ignore[no-untyped-def]
     """Noise at a place, of all wavelengths that a pixel resolves.
 
@@ -140,7 +140,7 @@ def _relief(texture, x, y, footprint_m):  # type: ignore[no-untyped-def]
     return coarse, patches, fine, ROUGHNESS * slope_x, ROUGHNESS * slope_y
 
 
-@njit(cache=True, error_model="numpy", fastmath=True)
+@kernel(error_model="numpy", fastmath=True)
 def ground_radiance(ground, row, col, height_m, distance_m, footprint_m):  # type: ignore[no-untyped-def]
     """Linear RGB radiance of the ground at a lattice position.
 

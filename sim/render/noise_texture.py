@@ -1,8 +1,9 @@
 """Procedural noise: one periodic texture, looked up at many scales."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from sim.jit import kernel
 
 SIZE = 256  # texels a side; a power of two, so that wrapping is a mask
 WAVELENGTH = 12.0  # texels of the texture's strongest waves
@@ -20,7 +21,7 @@ def noise_texture(rng: np.random.Generator) -> NDArray[np.float32]:
     return np.ascontiguousarray(texture / texture.std(), dtype=np.float32)
 
 
-@njit(cache=True, inline="always", error_model="numpy", fastmath=True)
+@kernel(inline="always", error_model="numpy", fastmath=True)
 def noise_at(texture, x, y):  # type: ignore[no-untyped-def]
     """Noise at (x, y) texels: the bilinear value, and its slopes along x and y per texel."""
     floor_x, floor_y = np.floor(x), np.floor(y)

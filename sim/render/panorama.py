@@ -10,9 +10,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numba import njit, prange
+from numba import prange
 from numpy.typing import NDArray
 
+from sim.jit import kernel
 from sim.render.ground import ground_radiance, prepare_ground
 from sim.render.noise_texture import noise_texture
 from sim.render.sky import SKY_STEP_DEG, air_light, daylight, sky_picture, toned
@@ -128,7 +129,7 @@ def _foreground_row(horizon_deg: Array, step_deg: float, rows: int) -> int:
     return min(int(np.ceil((TOP_DEG - below_deg) / step_deg)), rows)
 
 
-@njit(cache=True, parallel=True, error_model="numpy")
+@kernel(parallel=True, error_model="numpy")
 def _draw(  # type: ignore[no-untyped-def]
     image, terrain, viewpoint, ground, air, extinction_per_m, azimuths, tangents, foreground, step, top
 ):
@@ -166,7 +167,7 @@ def _draw(  # type: ignore[no-untyped-def]
                         column[i, c] = np.uint8(share * column[filled, c] + (1.0 - share) * behind + 0.5)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _draw_terrain(  # type: ignore[no-untyped-def]
     column,
     terrain,

@@ -2,9 +2,10 @@
 
 import cv2
 import numpy as np
-from numba import njit, prange
+from numba import prange
 from numpy.typing import NDArray
 
+from sim.jit import kernel
 from sim.render.panorama import Panorama
 from sim.world.mechanics import Rotation
 from sim.world.scenario import CameraOptics
@@ -108,7 +109,7 @@ def _vignette(optics: CameraOptics) -> NDArray[np.float32]:
     return gain[..., None]
 
 
-@njit(cache=True, inline="always", error_model="numpy", fastmath=True)
+@kernel(inline="always", error_model="numpy", fastmath=True)
 def _arctangent(y, x):  # type: ignore[no-untyped-def]
     """Arctangent of y / x in all quadrants, to 4e-6 rad, in arithmetic that vector instructions do."""
     ax, ay = abs(x), abs(y)
@@ -127,7 +128,7 @@ def _arctangent(y, x):  # type: ignore[no-untyped-def]
     return -angle if y < np.float32(0.0) else angle
 
 
-@njit(cache=True, parallel=True, error_model="numpy", fastmath=True)
+@kernel(parallel=True, error_model="numpy", fastmath=True)
 def _panorama_position(  # type: ignore[no-untyped-def]
     rays, rotation, steps_per_rad, top, columns, last_row, map_x, map_y
 ):
@@ -145,7 +146,7 @@ def _panorama_position(  # type: ignore[no-untyped-def]
             map_y[i, j] = min(max(row, np.float32(0.0)), last_row)
 
 
-@njit(cache=True, parallel=True, error_model="numpy", fastmath=True)
+@kernel(parallel=True, error_model="numpy", fastmath=True)
 def _expose(clean, normal, noise, frame):  # type: ignore[no-untyped-def]
     """Add noise of the read-out and of the photons, and round."""
     read, shot = np.float32(READ_NOISE_SHARE), np.float32((1.0 - READ_NOISE_SHARE) / MID_GREY)

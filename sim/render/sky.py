@@ -7,9 +7,10 @@ not radiometry.
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 from numpy.typing import NDArray
 
+from sim.jit import kernel
 from sim.render.noise_texture import WAVELENGTH, noise_at
 from sim.world.true_values import Air
 
@@ -98,19 +99,19 @@ def sky_picture(
     return sky
 
 
-@njit(cache=True, inline="always", error_model="numpy", fastmath=True)
+@kernel(inline="always", error_model="numpy", fastmath=True)
 def toned(radiance):  # type: ignore[no-untyped-def]
     """Display value 0..1 of a linear radiance."""
     return np.sqrt(1.0 - np.exp(-TONE * radiance))
 
 
-@njit(cache=True, inline="always", error_model="numpy", fastmath=True)
+@kernel(inline="always", error_model="numpy", fastmath=True)
 def _smooth(low, high, x):  # type: ignore[no-untyped-def]
     t = min(max((x - low) / (high - low), 0.0), 1.0)
     return t * t * (3.0 - 2.0 * t)
 
 
-@njit(cache=True, error_model="numpy", fastmath=True)
+@kernel(error_model="numpy", fastmath=True)
 def _cloud_field(texture, x, y, octaves):  # type: ignore[no-untyped-def]
     """Fractal noise of unit variance, roughly, with billows of some kilometres."""
     total, amplitude, texels_per_m = 0.0, 1.0, WAVELENGTH / 4200.0
@@ -122,7 +123,7 @@ def _cloud_field(texture, x, y, octaves):  # type: ignore[no-untyped-def]
     return total / 1.2
 
 
-@njit(cache=True, parallel=True, error_model="numpy", fastmath=True)
+@kernel(parallel=True, error_model="numpy", fastmath=True)
 def _paint_sky(  # type: ignore[no-untyped-def]
     sky, elevations, azimuths, texture, sun, sun_radiance, zenith, horizon, extinction_per_m, cover
 ):

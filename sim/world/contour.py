@@ -5,9 +5,10 @@ elevation(u, v) = horizon(azimuth(u, v)); the secant method needs about three ev
 """
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 from numpy.typing import NDArray
 
+from sim.jit import kernel
 from sim.world.lines_of_sight import MAX_CROSSINGS, horizon_tangent
 from sim.world.scenario import CameraOptics
 from sim.world.surface import Observer, Surface, track_of
@@ -49,7 +50,7 @@ def skyline_contour(
     return rows
 
 
-@njit(cache=True)
+@kernel()
 def undistorted(intrinsics, u, v):  # type: ignore[no-untyped-def]
     """Ideal image coordinates (x, y) at z = 1 of a pixel: OpenCV's model inverted by Newton's method."""
     fx, fy, cx, cy, k1, k2, p1, p2, k3 = intrinsics
@@ -74,7 +75,7 @@ def undistorted(intrinsics, u, v):  # type: ignore[no-untyped-def]
     return x, y
 
 
-@njit(cache=True)
+@kernel()
 def _above_horizon(terrain, viewpoint, intrinsics, rotation, u, v, guess, buffers):  # type: ignore[no-untyped-def]
     """Tangent of the line of sight through (u, v) minus that of the horizon, and the horizon's own.
 
@@ -97,7 +98,7 @@ def _above_horizon(terrain, viewpoint, intrinsics, rotation, u, v, guess, buffer
     return up / np.hypot(east, north) - tangent, tangent
 
 
-@njit(cache=True)
+@kernel()
 def _row(terrain, viewpoint, intrinsics, height_px, rotation, u, start, guess, buffers):  # type: ignore[no-untyped-def]
     """The row of column u and the horizon's tangent there; the search starts at a row and a tangent."""
     top, bottom = -0.5, height_px - 0.5
@@ -129,7 +130,7 @@ def _row(terrain, viewpoint, intrinsics, height_px, rotation, u, start, guess, b
     return 0.5 * (above + below), tangent
 
 
-@njit(cache=True, parallel=True)
+@kernel(parallel=True)
 def _rows(terrain, viewpoint, intrinsics, height_px, rotation, columns_px):  # type: ignore[no-untyped-def]
     count = len(columns_px)
     rows = np.empty(count)

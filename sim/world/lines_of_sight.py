@@ -1,7 +1,9 @@
 """Compiled: the horizon and the profile along lines of sight over the triangulated terrain (see ``sim.world.surface``)."""
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
+
+from sim.jit import kernel
 
 CHUNK_CELLS = 8  # length of a straight chunk of track, in the cell's shorter side
 BLOCK_CELLS = 16  # side of the blocks whose maxima identify invisible chunks; at least a chunk's length
@@ -10,7 +12,7 @@ MAX_CROSSINGS = 96  # in one chunk, of three families of lines, with room for sl
 TRACK_DEGREE = 8  # of the polynomial from metres east and north of the observer to the lattice
 
 
-@njit(cache=True)
+@kernel()
 def triangle_at(height_m, row, col):  # type: ignore[no-untyped-def]
     """Height and its change per row and per column of the triangle at (row, col); NaN where there is none."""
     rows, cols = height_m.shape
@@ -31,7 +33,7 @@ def triangle_at(height_m, row, col):  # type: ignore[no-untyped-def]
     return z00 + (row - i) * per_row + (col - j) * per_col, per_row, per_col
 
 
-@njit(cache=True)
+@kernel()
 def ray_polynomial(track, azimuth):  # type: ignore[no-untyped-def]
     """Coefficients (2, TRACK_DEGREE + 1) of row and column offsets in distance / reach along one azimuth."""
     sines, cosines = np.ones(TRACK_DEGREE + 1), np.ones(TRACK_DEGREE + 1)
@@ -49,7 +51,7 @@ def ray_polynomial(track, azimuth):  # type: ignore[no-untyped-def]
     return ray
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def ray_position(ray, x):  # type: ignore[no-untyped-def]
     """Row and column offsets at ``x`` = distance / reach."""
     row = col = 0.0
@@ -59,7 +61,7 @@ def ray_position(ray, x):  # type: ignore[no-untyped-def]
     return row, col
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _first_crossing(at, step):  # type: ignore[no-untyped-def]
     """Time at which a coordinate next reaches a whole number, in steps, and the time between such crossings."""
     if step > 0.0:
@@ -69,7 +71,7 @@ def _first_crossing(at, step):  # type: ignore[no-untyped-def]
     return np.inf, np.inf
 
 
-@njit(cache=True)
+@kernel()
 def trace_chunk(height_m, row0, col0, row1, col1, times, z0, z1):  # type: ignore[no-untyped-def]
     """Cut a straight track into the triangles it crosses.
 
@@ -107,7 +109,7 @@ def trace_chunk(height_m, row0, col0, row1, col1, times, z0, z1):  # type: ignor
     return count
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def chunk_ceiling(block_max_m, row, col):  # type: ignore[no-untyped-def]
     """Upper bound of the heights along a chunk whose middle lies at (row, col)."""
     i = min(max(int(row) // BLOCK_CELLS, 0), block_max_m.shape[0] - 1)
@@ -115,7 +117,7 @@ def chunk_ceiling(block_max_m, row, col):  # type: ignore[no-untyped-def]
     return block_max_m[i, j]
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def tangent_bound(height_m, altitude_m, drop, near_m, far_m):  # type: ignore[no-untyped-def]
     """Upper bound of the tangent under which anything up to ``height_m`` appears between two distances."""
     rise = height_m - altitude_m
@@ -126,7 +128,7 @@ def tangent_bound(height_m, altitude_m, drop, near_m, far_m):  # type: ignore[no
     return rise / near_m - drop * near_m
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def piece_maximum(s0, z0, s1, z1, altitude_m, drop):  # type: ignore[no-untyped-def]
     """Largest tangent along one linear piece of surface, and its distance."""
     best, at = (z1 - altitude_m) / s1 - drop * s1, s1
@@ -147,7 +149,7 @@ def piece_maximum(s0, z0, s1, z1, altitude_m, drop):  # type: ignore[no-untyped-
     return best, at
 
 
-@njit(cache=True)
+@kernel()
 def horizon_tangent(  # type: ignore[no-untyped-def]
     height_m, block_max_m, max_height_m, drop, chunk_m, viewpoint, azimuth, floor, times, z0, z1
 ):
@@ -186,7 +188,7 @@ def horizon_tangent(  # type: ignore[no-untyped-def]
     return (np.nan if np.isnan(at) else best), at
 
 
-@njit(cache=True)
+@kernel()
 def horizons(terrain, viewpoint, azimuths, tangents, distances):  # type: ignore[no-untyped-def]
     """Fill the tangents and distances of the horizon at some azimuths."""
     height_m, block_max_m, max_height_m, drop, chunk_m = terrain
@@ -197,14 +199,14 @@ def horizons(terrain, viewpoint, azimuths, tangents, distances):  # type: ignore
         )
 
 
-@njit(cache=True, parallel=True)
+@kernel(parallel=True)
 def many_horizons(terrain, viewpoint, azimuths, tangents, distances):  # type: ignore[no-untyped-def]
     for task in prange((len(azimuths) + AZIMUTHS_PER_TASK - 1) // AZIMUTHS_PER_TASK):
         part = slice(task * AZIMUTHS_PER_TASK, (task + 1) * AZIMUTHS_PER_TASK)
         horizons(terrain, viewpoint, azimuths[part], tangents[part], distances[part])
 
 
-@njit(cache=True)
+@kernel()
 def profile_along(height_m, chunk_m, viewpoint, azimuth):  # type: ignore[no-untyped-def]
     row, col, _, reach_m, track = viewpoint
     rows, cols = height_m.shape

@@ -19,8 +19,6 @@ _EXPRESSIONS: dict[Kind, str] = {
     "first": "(({value})[0] * {factor}, *({value})[1:])",
     "all": "tuple(each * {factor} for each in ({value}))",
 }
-COMPILED = ("*.nbi", "*.nbc")
-"""Files of numba's cache, which lies beside the source."""
 
 
 def copy_localizer(folder: Path, source: Path | None = None) -> Path:
@@ -53,7 +51,6 @@ def change_constant(folder: Path, tuned: Tuned, factor: float) -> None:
     path.write_text(
         before + _EXPRESSIONS[tuned.kind].format(value=value, factor=factor) + after, encoding="utf-8"
     )
-    _forget_compiled(folder / "localizer", tuned.name)
 
 
 def _value_of(tree: ast.Module, tuned: Tuned) -> ast.expr:
@@ -69,12 +66,3 @@ def _value_of(tree: ast.Module, tuned: Tuned) -> ast.expr:
             f"localizer.search.{tuned.module} assigns {tuned.name} {len(found)} times, not once"
         )
     return found[0]
-
-
-def _forget_compiled(package: Path, name: str) -> None:
-    """Kernels of modules that mention the constant are compiled anew: numba looks at a file's time, not at such values."""
-    for path in package.rglob("*.py"):
-        if name in path.read_text(encoding="utf-8"):
-            for pattern in COMPILED:
-                for file in (path.parent / "__pycache__").glob(f"{path.stem}.{pattern}"):
-                    file.unlink()
