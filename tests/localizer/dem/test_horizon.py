@@ -1,16 +1,21 @@
-"""The horizon of a DEM: closed forms, a brute-force reference, and rays that start or end in odd places."""
+"""The horizon of a DEM: closed forms, a brute-force reference, and rays that start or end in odd places.
+
+Expected angles come from the drop over a curved Earth written out here, (1 - 0.13) x^2 / (2 R), geodesics from pyproj, and
+surfaces from scipy.
+"""
 
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import rasterio
 from affine import Affine
-from pyproj import CRS
+from pyproj import CRS, Geod
+from scipy.interpolate import RegularGridInterpolator
 
 from localizer.dem.horizon import (
     DEM_EDGE_CELLS,
-    EARTH_RADIUS_M,
     Terrain,
     horizon,
     horizon_around,
@@ -23,6 +28,8 @@ LOCAL = CRS.from_proj4("+proj=tmerc +lat_0=46 +lon_0=8 +k=1 +x_0=0 +y_0=0 +ellps
 SIDE = 201
 MIDDLE = (SIDE - 1) // 2
 CELL_M = 20.0
+DROP_PER_M2 = (1.0 - 0.13) / (2.0 * 6371008.8)
+"""The IUGG's mean radius of the Earth and the usual coefficient of refraction: 61.45 m at 30 km."""
 
 
 def dem_of(height_m: np.ndarray) -> Dem:
@@ -48,7 +55,7 @@ def test_from_within_a_cone_shaped_bowl_every_horizon_is_the_rim():
     )
     azimuth = np.arange(0.0, 360.0, 7.5)
     elevation, distance = horizon(terrain, MIDDLE, MIDDLE, 2.0, azimuth)
-    closed = np.degrees(np.arctan((150.0 - 2.0) / 1800.0 - terrain.drop_per_m2 * 1800.0))
+    closed = np.degrees(np.arctan((150.0 - 2.0) / 1800.0 - DROP_PER_M2 * 1800.0))
     assert elevation[0] == pytest.approx(
         np.full(len(azimuth), closed), abs=0.06
     )  # a crest rounded by half a cell
@@ -62,7 +69,7 @@ def test_a_wall_stands_at_the_angle_of_its_crest_whatever_the_azimuth():
     azimuth = np.array([0.0, 20.0, -40.0])
     elevation, distance = horizon(terrain, MIDDLE, MIDDLE, 10.0, azimuth)
     along = crest / np.cos(np.radians(azimuth))
-    closed = np.degrees(np.arctan(90.0 / along - terrain.drop_per_m2 * along))
+    closed = np.degrees(np.arctan(90.0 / along - DROP_PER_M2 * along))
     assert elevation[0] == pytest.approx(closed, abs=1e-4)
     assert distance[0] == pytest.approx(along, abs=0.1)
 
@@ -71,31 +78,69 @@ def test_over_a_level_sea_the_horizon_dips_by_the_square_root_of_the_height():
     flat = np.zeros((SIDE, SIDE), np.float32)
     wide = Affine(200.0, 0.0, -SIDE * 100.0, 0.0, -200.0, SIDE * 100.0)
     terrain = prepare_terrain(dem_from_array(flat, wide, LOCAL))
-    height = 10.0
-    elevation, distance = horizon(terrain, MIDDLE, MIDDLE, height, np.array([0.0, 33.0, 90.0, 210.0]))
-    curvature = 0.87 / EARTH_RADIUS_M
-    assert elevation[0] == pytest.approx(np.full(4, -np.degrees(np.sqrt(2.0 * height * curvature))), abs=1e-4)
-    assert distance[0] == pytest.approx(np.full(4, np.sqrt(2.0 * height / curvature)), rel=0.05)
+    elevation, distance = horizon(terrain, MIDDLE, MIDDLE, 10.0, np.array([0.0, 33.0, 90.0, 210.0]))
+    # A line of sight touches the sea at x = sqrt(h / DROP_PER_M2) and dips by 2 sqrt(h DROP_PER_M2): 12102 m, 0.0947 deg.
+    assert elevation[0] == pytest.approx(np.full(4, -0.0947), abs=1e-4)
+    assert distance[0] == pytest.approx(np.full(4, 12102.0), rel=0.05)
+
+
+def test_a_wall_30_km_away_is_61_metres_lower_than_on_a_flat_earth():
+    wide = Affine(200.0, 0.0, -SIDE * 100.0, 0.0, -200.0, SIDE * 100.0)
+    height = np.zeros((SIDE, SIDE), np.float32)
+    height[25] = 600.0
+    dem = dem_from_array(height, wide, LOCAL)
+    bent, straight = (
+        horizon(prepare_terrain(dem, refraction), 175.0, MIDDLE, 100.0, 0.0) for refraction in (0.13, 0.0)
+    )
+    assert bent[1][0, 0] == pytest.approx(30_000.0, abs=0.5)
+    # 30000^2 / (2 x 6371008.8) = 70.633 m, of which refraction takes back 13 %: 61.450 m.
+    assert 30_000.0 * np.tan(np.radians(bent[0][0, 0])) == pytest.approx(500.0 - 61.450, abs=0.02)
+    assert 30_000.0 * np.tan(np.radians(straight[0][0, 0])) == pytest.approx(500.0 - 70.633, abs=0.02)
 
 
 def test_the_horizon_of_real_terrain_is_that_of_a_brute_force_march(santa_cruz: Terrain):
-    dem = santa_cruz.dem
-    rng = np.random.default_rng(4)
+    """Steps along pyproj's geodesic over scipy's bilinear surface of the file, as rasterio reads it."""
+    with rasterio.open(SANTA_CRUZ) as file:
+        z_m, to_lonlat = file.read(1).astype(float), file.transform
+    surface = RegularGridInterpolator((np.arange(800.0), np.arange(800.0)), z_m, bounds_error=False)
+    geod, rng = Geod(ellps="WGS84"), np.random.default_rng(4)
+    coarse_m = np.concatenate([np.arange(0.1, 400.0, 0.1), np.arange(400.0, 30_000.0, 1.0)])
+    knots_m = np.arange(0.0, 30_100.0, 100.0)
     for _ in range(25):
         row, col = rng.uniform(100.0, 700.0, 2)
-        eye = float(dem.ground_m(row, col)) + 2.0
         azimuth = rng.uniform(0.0, 360.0)
+        lon_deg, lat_deg = to_lonlat @ (col + 0.5, row + 0.5)
+        start = [np.full(len(knots_m), value) for value in (lon_deg, lat_deg, azimuth)]
+        ends = geod.fwd(*start, knots_m)
+        cols, rows = ~to_lonlat @ np.array(ends[:2])
+        eye = float(surface((row, col))) + 2.0
+
+        def tangents(s, rows=rows, cols=cols, eye=eye):
+            at = np.column_stack([np.interp(s, knots_m, rows - 0.5), np.interp(s, knots_m, cols - 0.5)])
+            return (surface(at) - eye) / s - DROP_PER_M2 * s
+
+        best_m = coarse_m[np.nanargmax(tangents(coarse_m))]
+        fine_m = best_m + np.linspace(-1.0, 1.0, 401) * min(1.0, 0.5 * best_m)
+        expected = np.degrees(np.arctan(np.nanmax(tangents(fine_m))))
         elevation, _ = horizon(santa_cruz, row, col, eye, azimuth)
-        s = np.concatenate([np.arange(0.02, 400.0, 0.02), np.arange(400.0, 30_000.0, 0.2)])
-        e, n = s * np.sin(np.radians(azimuth)), s * np.cos(np.radians(azimuth))
-        coefficients = santa_cruz.geodesics.at(np.array([row]), np.array([col]))[0]
-        steps = coefficients @ np.stack([e, n, e * e, e * n, n * n])
-        tangent = (dem.ground_m(row + steps[0], col + steps[1]) - eye) / s - santa_cruz.drop_per_m2 * s
-        best = int(np.nanargmax(tangent))
-        assert elevation[0, 0] >= np.degrees(np.arctan(tangent[best])) - 1e-4
-        assert elevation[0, 0] == pytest.approx(
-            np.degrees(np.arctan(tangent[best])), abs=0.003 + 0.3 / s[best]
-        )
+        assert elevation[0, 0] == pytest.approx(expected, abs=0.001 + 0.02 / best_m)
+
+
+def test_100_000_rays_are_the_same_whether_blocks_are_skipped_or_not(santa_cruz: Terrain):
+    one_by_one = replace(
+        santa_cruz,
+        row_blocks=np.full_like(santa_cruz.row_blocks, np.inf),
+        col_blocks=np.full_like(santa_cruz.col_blocks, np.inf),
+    )  # no line of sight is above a block of infinite height
+    rng = np.random.default_rng(5)
+    row, col = rng.uniform(0.0, 799.0, (2, 1000))
+    eye_m = santa_cruz.dem.ground_m(row, col) + rng.choice([2.0, 30.0], 1000)
+    azimuth_deg = rng.uniform(0.0, 360.0, (1000, 100))
+    angle, distance = horizon(santa_cruz, row, col, eye_m, azimuth_deg)
+    every_angle, every_distance = horizon(one_by_one, row, col, eye_m, azimuth_deg)
+    np.testing.assert_array_equal(angle, every_angle)
+    np.testing.assert_array_equal(distance, every_distance)
+    assert np.isfinite(distance).mean() > 0.99
 
 
 def test_turning_the_grid_does_not_turn_the_horizon(santa_cruz: Terrain):
@@ -117,6 +162,16 @@ def test_a_void_neither_occludes_nor_forms_a_horizon():
     terrain = prepare_terrain(dem_of(height))
     elevation, _ = horizon(terrain, MIDDLE, MIDDLE, 10.0, 0.0)
     assert elevation[0, 0] < 0.0
+
+
+def test_there_is_no_surface_between_cells_of_which_one_is_void():
+    """A wall one cell thick, voids on both sides: its cells have elevations, the surface beside them is unknown."""
+    _, north = east_north()
+    height = np.where(np.isclose(north, 600.0), 100.0, 0.0)
+    height[np.isclose(np.abs(north - 600.0), CELL_M)] = np.nan
+    terrain = prepare_terrain(dem_of(height))
+    elevation, _ = horizon(terrain, MIDDLE, MIDDLE, 10.0, np.array([0.0, 14.0, 30.0]))
+    assert (elevation[0] < 0.0).all()
 
 
 def test_an_observer_outside_the_grid_looks_in_and_sees_nothing_the_other_way():
@@ -194,6 +249,6 @@ def test_a_ray_sees_the_part_of_a_cell_in_which_it_leaves_the_dem():
     azimuth = np.degrees(np.arctan2(0.25, 2.5))
     elevation, distance = horizon(terrain, row, col, 2.0, azimuth)
     way_m = np.hypot(0.25, 2.5) * CELL_M
-    closed = np.degrees(np.arctan((0.5 * 400.0 - 2.0) / way_m - terrain.drop_per_m2 * way_m))
+    closed = np.degrees(np.arctan((0.5 * 400.0 - 2.0) / way_m - DROP_PER_M2 * way_m))
     assert distance[0, 0] == pytest.approx(way_m, abs=0.3)
     assert elevation[0, 0] == pytest.approx(closed, abs=0.4)
