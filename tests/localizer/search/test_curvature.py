@@ -17,10 +17,11 @@ CAMERA = (175, 100)
 @pytest.mark.parametrize(("refraction", "stays"), [(0.13, True), (1.0, False)])
 def test_the_true_cell_stays_on_a_curved_earth_and_not_on_a_flat_one(refraction: float, stays: bool) -> None:
     """A plateau of 500 m, 30 km to the north of a plain; refraction 1 bends the light as much as the Earth is curved."""
-    height_m = np.zeros((SIDE, SIDE))
-    height_m[:50] = np.interp(np.arange(50), [25, 49], [500.0, 20.0])[
-        :, None
-    ]  # the ramp to it: 20 m in each cell
+    # Both ramps rise by 4 m in each cell, so that half a cell's relief adds no more than 2 m to the band. The near ridge hides
+    # all of the far one but the last cells.
+    row = np.arange(SIDE)
+    height_m = np.maximum(np.interp(row, [25, 150], [500.0, 0.0]), 30.0 - 4.0 * np.abs(row - 165))
+    height_m = np.repeat(height_m.clip(0.0)[:, None], SIDE, axis=1)
     half = SIDE * CELL_M / 2.0
     dem = dem_from_array(height_m, Affine(CELL_M, 0.0, -half, 0.0, -CELL_M, half), LOCAL, error_m=0.0)
     terrain = prepare_terrain(dem, refraction)
