@@ -118,6 +118,22 @@ def test_utm_zones_side_by_side(write_raster):
     assert dem.z_m[30, 100] == 600.0
 
 
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_where_files_on_different_lattices_overlap_the_first_counts(tile, order):
+    """Rows 51 to 59 of the northern tile and 0 to 8 of the southern one; the northern one is 100 m higher."""
+    south = tile("south.tif", -118.0, 34.0, 60, 90)
+    north = tile("north.tif", -118.0, 34.0 + 51 * SECOND, 60, 60, dx=1.5 * SECOND)
+    with rasterio.open(north, "r+") as dataset:
+        dataset.write(dataset.read(1) + 100.0, 1)
+    paths = [south, north]
+    dem = load_dem([paths[i] for i in order])
+    row, col = np.meshgrid(np.arange(dem.rows), np.arange(1, 88), indexing="ij")
+    higher_m = (dem.z_m[:, 1:88] - plane(*rowcol_to_lonlat(dem, row, col))).mean(axis=1)
+    assert higher_m[:51] == pytest.approx(np.full(51, 100.0), abs=0.01)
+    assert higher_m[51:60] == pytest.approx(np.full(9, 100.0 if order[0] == 1 else 0.0), abs=0.01)
+    assert higher_m[60:] == pytest.approx(np.zeros(len(higher_m) - 60), abs=0.01)
+
+
 def test_a_void_stays_one(tile):
     south, north = (
         tile("s.tif", -118.0, 34.0, 60, 90),

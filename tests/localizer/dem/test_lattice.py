@@ -53,7 +53,8 @@ def test_the_terrain_that_ships_is_geographic_and_pixel_is_point(santa_cruz_file
 def test_pixel_is_point_and_pixel_is_area_name_the_same_place_once_rasterio_has_read_them(write_raster, ramp):
     area, point = (load_dem([write_raster(ramp, f"{p}.tif", point=p)]) for p in (False, True))
     assert (area.files[0].pixel_is, point.files[0].pixel_is) == ("area", "point")
-    assert np.allclose(rowcol_to_xy(area, 2, 3), rowcol_to_xy(point, 2, 3))
+    for dem in (area, point):  # 30 m cells from 560000, 5120000 on: the centres are at half cells
+        assert [float(v) for v in rowcol_to_xy(dem, 2, 3)] == [560_105.0, 5_119_925.0]
 
 
 @pytest.mark.parametrize(
@@ -75,6 +76,30 @@ def test_a_compound_crs_states_the_vertical_unit(write_raster, ramp):
     dem = load_dem([write_raster(ramp, crs="EPSG:6339+6360")])  # NAVD88 height in US survey feet
     assert np.allclose(dem.z_m, ramp * (1200 / 3937), rtol=1e-6)
     assert dem.crs == CRS.from_epsg(6339)
+
+
+@pytest.mark.parametrize(
+    ("crs", "unit", "metres"),
+    [
+        ("EPSG:6339+6360", "us-ft", 1200 / 3937),
+        ("EPSG:6339+8228", "ft", 0.3048),
+        ("EPSG:6339+5703", "m", 1.0),
+    ],
+)
+def test_a_vertical_unit_that_only_the_crs_states_is_honoured(write_raster, ramp, crs, unit, metres):
+    """GDAL copies the unit of a file's own CRS to the band; a CRS that is told has its unit in itself alone."""
+    dem = load_dem([write_raster(ramp, crs=None)], crs=crs)
+    assert (dem.files[0].vertical_unit, dem.files[0].vertical_unit_from) == (unit, "CRS")
+    assert np.allclose(dem.z_m, ramp * metres, rtol=1e-6)
+
+
+def test_a_vertical_unit_of_the_crs_that_is_not_known_is_named(write_raster, ramp):
+    metres = CRS.from_user_input("EPSG:4326+5773").to_wkt()
+    fathoms = 'LENGTHUNIT["fathom",1.8288]'.join(metres.rsplit('LENGTHUNIT["metre",1]', 1))
+    degrees = Affine(0.001, 0.0, 7.0, 0.0, -0.001, 46.0)
+    path = write_raster(ramp, crs=None, transform=degrees)
+    with pytest.raises(DemError, match=r"vertical axis \(fathom\) is unknown; .* --vertical-unit"):
+        load_dem([path], crs=fathoms)
 
 
 def test_the_option_overrules_the_file(write_raster, ramp):
@@ -157,6 +182,15 @@ def test_adjoining_files_become_one(write_raster, ramp, overlap):
         assert dem.source == tuple(paths)
 
 
+def test_where_files_overlap_the_first_counts(write_raster, ramp):
+    """Two files, the second 1000 m higher, that share column 2."""
+    west = write_raster(ramp[:, :3], "west.tif")
+    east = write_raster(ramp[:, 2:] + 1000, "east.tif", transform=UTM @ Affine.translation(2, 0))
+    expected = ramp + np.where(np.arange(5) >= 3, 1000, 0)
+    assert np.array_equal(load_dem([west, east]).z_m, expected)
+    assert np.array_equal(load_dem([east, west]).z_m, ramp + np.where(np.arange(5) >= 2, 1000, 0))
+
+
 def test_files_on_both_sides_of_the_date_line_adjoin(write_raster, ramp):
     grid = Affine(0.01, 0.0, 179.97, 0.0, -0.01, -17.0)
     west = write_raster(ramp[:, :3], "west.tif", crs="EPSG:4326", transform=grid)
@@ -210,6 +244,9 @@ def test_files_that_do_not_fit_together_are_refused(write_raster, ramp, transfor
         ({"bands": 3}, "3 bands"),
         ({"transform": Affine.identity()}, "not georeferenced"),
         ({"transform": UTM @ Affine.rotation(5.0)}, "rotated"),
+        # sheared by a fiftieth of a cell over six rows, and over five columns
+        ({"transform": Affine(30.0, 0.1, 560_000.0, 0.0, -30.0, 5_120_000.0)}, "rotated"),
+        ({"transform": Affine(30.0, 0.0, 560_000.0, 0.12, -30.0, 5_120_000.0)}, "rotated"),
         ({"unit": "degC"}, "'degC' is unknown; name it with --vertical-unit"),
         ({"crs": "EPSG:2227"}, "vertical unit is not stated; name it with --vertical-unit"),
         ({"crs": "EPSG:4326"}, "no degrees"),
@@ -225,6 +262,14 @@ def test_a_file_that_cannot_be_a_dem_is_refused_in_one_line(write_raster, ramp, 
         load_dem([path])
     assert str(path) in str(refusal.value)
     assert "\n" not in str(refusal.value)
+
+
+def test_rounding_in_the_transform_is_no_rotation(write_raster, ramp):
+    """Less than a hundredth of a cell over the whole file."""
+    almost = Affine(30.0, 0.04, 560_000.0, 0.05, -30.0, 5_120_000.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # rasterio's own, where a transform has such terms
+        assert load_dem([write_raster(ramp, transform=almost)]).transform == UTM
 
 
 def test_all_void_and_too_small_are_refused(write_raster, ramp):
@@ -266,6 +311,13 @@ def test_a_wrong_option_is_refused(write_raster, ramp):
 
 
 # ---- elevations between the cells
+
+
+def test_the_dem_covers_its_cells_to_their_outer_edges(write_raster, ramp):
+    dem = load_dem([write_raster(ramp)])  # 6 rows, 5 columns
+    inside = [(-0.5, -0.5), (-0.5, 4.5), (5.5, -0.5), (5.5, 4.5), (2.0, 2.0)]
+    outside = [(-0.51, 2.0), (5.51, 2.0), (2.0, -0.51), (2.0, 4.51)]
+    assert [dem.covers(*place) for place in inside + outside] == [True] * 5 + [False] * 4
 
 
 def test_the_surface_is_bilinear_and_ends_at_the_outermost_cell_centres(write_raster, ramp):
