@@ -40,9 +40,10 @@ def test_the_horizons_shape_is_that_of_the_places_and_then_that_of_the_azimuths(
 
 def test_the_horizon_is_the_wall_in_the_north(dem: localizer.Dem) -> None:
     seen = localizer.horizon(dem, *PLACE, 102.0, 0.0)
-    row, _ = localizer.lonlat_to_rowcol(dem, PLACE[1], PLACE[0])
-    assert seen.distance_m == pytest.approx((row - 11.0) * 30.0, abs=1.0)
-    assert np.tan(np.radians(seen.elevation_deg)) == pytest.approx(298.0 / seen.distance_m, rel=1e-3)
+    # PROJ has the place in row 60.0129; true north lies 0.574 degrees beside the map's, whose scale is 0.999646:
+    # (60.0129 - 11) x 30 m / cos(0.574 deg) / 0.999646. The Earth's curvature takes 0.15 m off the 298 m above the eye.
+    assert seen.distance_m == pytest.approx(1470.98, abs=0.05)
+    assert np.tan(np.radians(seen.elevation_deg)) == pytest.approx((298.0 - 0.15) / 1470.98, abs=1e-5)
 
 
 def test_without_terrain_there_is_no_horizon(dem: localizer.Dem) -> None:
@@ -57,10 +58,9 @@ def test_refraction_lifts_the_horizon(dem: localizer.Dem) -> None:
     straight, bent = (
         localizer.horizon(dem, *PLACE, 102.0, 0.0, refraction_coefficient=k) for k in (0.0, 0.13)
     )
-    lift_m = 0.13 * bent.distance_m**2 / (2.0 * 6371008.8)
-    assert bent.elevation_deg - straight.elevation_deg == pytest.approx(
-        np.degrees(lift_m / bent.distance_m), rel=0.15
-    )
+    # The tangent changes by 0.13 x / (2 R), and the angle by that times cos^2 of itself.
+    lift = 0.13 * 1470.98 / (2.0 * 6371008.8) * np.cos(np.radians(11.447)) ** 2
+    assert np.radians(bent.elevation_deg - straight.elevation_deg) == pytest.approx(lift, rel=1e-3)
     assert bent == localizer.horizon(dem, *PLACE, 102.0, 0.0)
 
 

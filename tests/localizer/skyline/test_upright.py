@@ -49,12 +49,14 @@ def test_upright_pictures_stay_as_they_are():
     assert [quarter_turns_of(roll) for roll in (0.0, 90.0, 180.0, -180.0, -90.0, 44.0)] == [0, 1, 2, 2, 3, 0]
 
 
+RIDGE = 240 + 40 * np.sin(np.arange(640) / 60.0) + 15 * np.sin(np.arange(640) / 17.0)
+
+
 def scene() -> np.ndarray:
-    """A ridge under a bright sky, 640 x 480."""
+    """A ridge under a bright sky, 640 x 480; the first row of terrain is the one below RIDGE."""
     rng = np.random.default_rng(3)
-    ridge = 240 + 40 * np.sin(np.arange(640) / 60.0) + 15 * np.sin(np.arange(640) / 17.0)
     picture = np.full((480, 640, 3), (230, 210, 190), np.uint8)
-    picture[np.arange(480)[:, None] > ridge[None, :]] = (40, 60, 50)
+    picture[np.arange(480)[:, None] > RIDGE[None, :]] = (40, 60, 50)
     return np.clip(picture + rng.normal(0, 2, picture.shape), 0, 255).astype(np.uint8)
 
 
@@ -90,21 +92,21 @@ def with_picture(bundle_dir, edit_bundle):
 
 @pytest.mark.parametrize("quarter_turns", [0, 1, 2, 3])
 def test_the_skyline_is_found_whichever_way_the_camera_hangs(with_picture, quarter_turns):
-    upright_bundle = with_picture(scene())
-    expected = frame_skyline(upright_bundle, upright_bundle.frames[0])
     hung = np.ascontiguousarray(
         np.rot90(scene(), quarter_turns)
     )  # a camera turned clockwise sees the world turned back
     roll_deg = (90.0 * quarter_turns + 180.0) % 360.0 - 180.0
     bundle = with_picture(hung, roll_deg=roll_deg, size=(hung.shape[1], hung.shape[0]))
     found = frame_skyline(bundle, bundle.frames[0])
-    assert np.allclose(found.row_px, expected.row_px, equal_nan=True)
     assert np.isfinite(found.row_px).mean() > 0.9
-    # back in the picture as recorded the line separates bright from dark
-    u, v = upright(bundle.camera, roll_deg).as_recorded(np.arange(640.0), found.row_px)
-    seen = np.isfinite(v) & np.isfinite(u)
-    inside = hung[np.rint(v[seen]).astype(int), np.rint(u[seen]).astype(int)]
-    assert inside.shape[0] > 500
+    error = (found.row_px - (np.floor(RIDGE) + 0.5))[np.isfinite(found.row_px)]
+    assert np.percentile(np.abs(error), 90) < 0.5
+    # back in the picture as recorded, it is bright on the sky's side of the line and dark on the other
+    middle = np.arange(20.0, 620.0)
+    for off_px, bright in ((-4.0, True), (4.0, False)):
+        u, v = upright(bundle.camera, roll_deg).as_recorded(middle, found.row_px[20:620] + off_px)
+        seen = hung[np.rint(v).astype(int), np.rint(u).astype(int)].mean(axis=1)
+        assert ((seen > 125.0) == bright).mean() > 0.95
 
 
 # ---- orientation tags
