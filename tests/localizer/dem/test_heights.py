@@ -1,5 +1,6 @@
 """What elevations count from, and what becomes of an altitude that counts from something else."""
 
+from collections.abc import Callable
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,6 +10,7 @@ import rasterio
 from affine import Affine
 from pyproj import CRS
 
+from localizer.dem.datum import pipeline
 from localizer.dem.heights import GEOID_SIGMA_M, heights_of
 from localizer.dem.info import dem_notes
 from localizer.dem.lattice import DemError, dem_from_array, load_dem
@@ -107,32 +109,56 @@ def test_a_library_s_geoid_offset_is_checked_too(write_raster):
         load_dem([write_raster(HILLS)], geoid_offset_m=500.0)
 
 
-def test_an_installed_geoid_grid_brings_ellipsoidal_heights_to_the_sea(write_raster, tmp_path, monkeypatch):
-    folder = tmp_path / "proj"
-    folder.mkdir()
-    undulation = np.full((7, 13), -33.5, np.float32)  # 30 degrees a cell, the whole Earth
-    with rasterio.open(
-        folder / "egm96_15.gtx",
-        "w",
-        driver="GTX",
-        height=7,
-        width=13,
-        count=1,
-        dtype="float32",
-        crs="EPSG:4326",
-        transform=Affine(30.0, 0.0, -195.0, 0.0, -30.0, 105.0),
-    ) as dataset:
-        dataset.write(undulation, 1)
-    path = write_raster(HILLS, crs=ELLIPSOIDAL, transform=GRID)
+@pytest.fixture
+def geoid(tmp_path):
+    """Installs a geoid grid of the whole Earth, given by its undulation at longitudes and latitudes, for a while."""
     own = pyproj.datadir.get_data_dir()
-    pyproj.datadir.append_data_dir(str(folder))
-    try:
-        dem = load_dem([path])
-    finally:
-        pyproj.datadir.set_data_dir(own)
-    assert np.allclose(dem.z_m, HILLS + 33.5, atol=0.01)
-    assert "EGM96" in (dem.heights.converted or "")
+
+    def install(undulation_m: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> None:
+        lon, lat = np.meshgrid(np.linspace(-180.0, 180.0, 13), np.linspace(90.0, -90.0, 7))
+        folder = tmp_path / "proj"
+        folder.mkdir()
+        with rasterio.open(
+            folder / "egm96_15.gtx",
+            "w",
+            driver="GTX",
+            height=7,
+            width=13,
+            count=1,
+            dtype="float32",
+            crs="EPSG:4326",
+            transform=Affine(30.0, 0.0, -195.0, 0.0, -30.0, 105.0),
+        ) as dataset:
+            dataset.write(undulation_m(lon, lat).astype(np.float32), 1)
+        pyproj.datadir.append_data_dir(str(folder))
+        pipeline.cache_clear()
+
+    yield install
+    pyproj.datadir.set_data_dir(own)
+    pipeline.cache_clear()
+
+
+def test_an_installed_geoid_grid_brings_ellipsoidal_heights_to_the_sea(write_raster, geoid):
+    """The undulation changes by 0.4 m to the north and by 0.3 m to the east: of each cell its own is taken off."""
+    z_m = (500.0 + np.add.outer(np.arange(1100.0), np.arange(10.0))).astype(np.float32)
+    path = write_raster(
+        z_m, crs=ELLIPSOIDAL, transform=Affine(5_000.0, 0.0, 400_000.0, 0.0, -100.0, 3_800_000.0)
+    )
+    geoid(lambda lon, lat: 40.0 + 0.3 * lon - 0.4 * lat)
+    dem = load_dem([path])
+    east, north = np.meshgrid(402_500.0 + 5_000.0 * np.arange(10), 3_799_950.0 - 100.0 * np.arange(1100))
+    lon, lat = pyproj.Transformer.from_crs(32611, 4326, always_xy=True).transform(east, north)
+    assert np.allclose(dem.z_m, z_m - (40.0 + 0.3 * lon - 0.4 * lat), rtol=0.0, atol=0.002)
+    assert dem.heights.converted.startswith("EGM96 height (")
     assert dem.heights.altitude_sigma_m == 0.0
+
+
+@pytest.mark.parametrize("undulation_m", [121.0, -121.0])
+def test_a_geoid_grid_that_no_place_has_is_not_used(write_raster, geoid, undulation_m):
+    geoid(lambda lon, _: np.full(lon.shape, undulation_m))
+    dem = load_dem([write_raster(HILLS, crs=ELLIPSOIDAL, transform=GRID)])
+    assert np.array_equal(dem.z_m, HILLS)
+    assert dem.heights.converted is None
 
 
 def test_files_of_different_vertical_datums_are_not_put_together(write_raster):
