@@ -114,6 +114,46 @@ def test_a_grid_in_feet_gets_a_metric_crs_beside_its_own(write_raster, ramp):
     assert dem.spacing_ns_m == pytest.approx(30.48, abs=0.01)
 
 
+def test_a_crs_without_a_name_is_the_listed_one_that_it_is(write_raster, ramp):
+    """As GDAL makes it of a USGS DEM, which has no names but a zone and a datum."""
+    listed = CRS.from_epsg(26710)
+    unnamed = listed.to_wkt("WKT1_GDAL").replace('PROJCS["NAD27 / UTM zone 10N"', 'PROJCS["unnamed"')
+    assert CRS.from_wkt(unnamed).name == "unnamed"
+    assert load_dem([write_raster(ramp, crs=unnamed)]).crs.name == "NAD27 / UTM zone 10N"
+
+
+def test_what_an_option_overrules_is_noted_with_what_the_file_says(write_raster, ramp):
+    path = write_raster(ramp, unit="ft", scale=0.5)
+    dem = load_dem([path], crs="EPSG:26910", vertical_unit="m", scale=2.0)
+    assert dem.files[0].overruled == (
+        f"{path}: says WGS 84 / UTM zone 10N; --crs takes it for NAD83 / UTM zone 10N",
+        f"{path}: says its elevations are in ft; --vertical-unit takes them for m",
+        f"{path}: says its scale is 0.5; --scale takes it for 2",
+    )
+    same = load_dem([path], crs="EPSG:32610", vertical_unit="ft", scale=0.5)
+    assert same.files[0].overruled == ()
+    plain = load_dem([write_raster(ramp, "plain.tif")], vertical_unit="ft", scale=2.0)
+    assert plain.files[0].overruled == (), "a file that says nothing is not overruled"
+
+
+def test_unit_and_scale_are_those_of_the_band_that_is_taken(write_raster, ramp):
+    path = write_raster(ramp, bands=2)
+    with rasterio.open(path, "r+") as dataset:
+        dataset.set_band_unit(1, "ft")
+        dataset.set_band_unit(2, "m")
+        dataset.scales, dataset.offsets = (0.1, 0.5), (7.0, 100.0)
+    dem = load_dem([path], band=2)
+    assert np.allclose(dem.z_m, ramp * 0.5 + 100.0)
+    assert (dem.files[0].band, dem.files[0].scale, dem.files[0].vertical_unit) == (2, 0.5, "m")
+    first = load_dem([path], band=1)
+    assert np.allclose(first.z_m, (ramp * 0.1 + 7.0) * 0.3048)
+    other = load_dem([path], band=2, vertical_unit="ft", scale=3.0)
+    assert other.files[0].overruled == (
+        f"{path}: says its elevations are in m; --vertical-unit takes them for ft",
+        f"{path}: says its scale is 0.5; --scale takes it for 3",
+    )
+
+
 # ---- voids
 
 
@@ -247,6 +287,9 @@ def test_files_that_do_not_fit_together_are_refused(write_raster, ramp, transfor
         # sheared by a fiftieth of a cell over six rows, and over five columns
         ({"transform": Affine(30.0, 0.1, 560_000.0, 0.0, -30.0, 5_120_000.0)}, "rotated"),
         ({"transform": Affine(30.0, 0.0, 560_000.0, 0.12, -30.0, 5_120_000.0)}, "rotated"),
+        ({"transform": Affine(30.0, -0.1, 560_000.0, 0.0, -30.0, 5_120_000.0)}, "rotated"),
+        ({"transform": Affine(30.0, 0.0, 560_000.0, -0.12, -30.0, 5_120_000.0)}, "rotated"),
+        ({"transform": Affine(0.0, 30.0, 560_000.0, 30.0, -30.0, 5_120_000.0)}, "not georeferenced"),
         ({"unit": "degC"}, "'degC' is unknown; name it with --vertical-unit"),
         ({"crs": "EPSG:2227"}, "vertical unit is not stated; name it with --vertical-unit"),
         ({"crs": "EPSG:4326"}, "no degrees"),
