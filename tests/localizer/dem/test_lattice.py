@@ -371,6 +371,58 @@ def test_the_surface_is_bilinear_and_ends_at_the_outermost_cell_centres(write_ra
     assert np.isnan(outside).all()
 
 
+def test_a_rounding_error_beyond_the_outermost_centres_is_no_outside(write_raster, ramp):
+    """A millionth of a cell."""
+    dem = load_dem([write_raster(ramp)])
+    just = 5e-7
+    assert dem.ground_m([-just, 5 + just, 2, 2], [2, 2, -just, 4 + just]) == pytest.approx(
+        [2.0, 502.0, 200.0, 204.0]
+    )
+    beyond = 2e-6
+    assert np.isnan(dem.ground_m([-beyond, 5 + beyond, 2, 2], [2, 2, -beyond, 4 + beyond])).all()
+
+
+@pytest.mark.parametrize("shape", [(2, 9), (9, 2)])
+def test_fewer_than_three_rows_or_columns_are_too_few(shape):
+    with pytest.raises(DemError, match=f"{shape[0]} x {shape[1]} cells are too few"):
+        dem_from_array(np.zeros(shape), UTM, "EPSG:32610")
+    assert dem_from_array(np.zeros((3, 3)), UTM, "EPSG:32610").rows == 3
+
+
+@pytest.mark.parametrize(
+    ("cell_x", "cell_y", "fits"),
+    [
+        (0.051, 1.0, True),
+        (0.049, 1.0, False),
+        (1.0, 0.049, False),
+        (9_900.0, 9_900.0, True),
+        (10_100.0, 30.0, False),
+    ],
+)
+def test_cells_measure_5_cm_to_10_km(cell_x, cell_y, fits):
+    grid = Affine(cell_x, 0.0, 500_000.0 - cell_x, 0.0, -cell_y, 5_120_000.0)
+    if fits:
+        dem = dem_from_array(np.zeros((3, 3)), grid, "EPSG:32610")
+        # on the central meridian the map's scale is 0.9996
+        assert (dem.spacing_ew_m, dem.spacing_ns_m) == pytest.approx(
+            (cell_x / 0.9996, cell_y / 0.9996), rel=1e-5
+        )
+    else:
+        with pytest.raises(DemError, match=r"its cells measure .* x .* m, as no elevation model's do"):
+            dem_from_array(np.zeros((3, 3)), grid, "EPSG:32610")
+
+
+@pytest.mark.parametrize(("north", "fits"), [(90.05, True), (90.2, False), (-89.9, True), (-90.0, False)])
+def test_latitudes_reach_to_the_poles_and_half_a_cell_farther(north, fits):
+    """Of three cells of 0.05 degrees: the northern edge at most at 90.1, the southern one at least at -90.1."""
+    grid = Affine(0.05, 0.0, 7.0, 0.0, -0.05, north)
+    if fits:
+        assert dem_from_array(np.zeros((3, 3)), grid, "EPSG:4326").transform == grid
+    else:
+        with pytest.raises(DemError, match="its coordinates are no degrees, but its CRS is WGS 84"):
+            dem_from_array(np.zeros((3, 3)), grid, "EPSG:4326")
+
+
 def test_a_void_spoils_the_cells_around_it_but_not_the_grid_lines_beside_it(write_raster, ramp):
     z = ramp.astype(np.float32)
     z[2, 2] = np.nan
