@@ -1,6 +1,7 @@
 import hashlib
 import json
 import os
+import re
 import struct
 import zlib
 from datetime import UTC, datetime, timedelta, timezone
@@ -21,6 +22,7 @@ from localizer.bundle import (
     Prior,
     frame_image,
     load_bundle,
+    parse_bundle,
     sha256_of,
 )
 
@@ -253,3 +255,115 @@ def test_a_local_time_is_no_bundle_time():
     elsewhere = datetime(2026, 11, 23, 5, 31, 51, tzinfo=timezone(timedelta(hours=1)))
     with pytest.raises(ValueError, match="UTC"):
         Bundle.model_validate({"created": elsewhere})
+
+
+@pytest.mark.parametrize(
+    ("where", "taken", "refused"),
+    [
+        ("camera.width_px", [1, 32768], [0, 32769]),
+        ("camera.distortion.0", [0.001], [-1000.5, 1000.5]),
+        ("mast_height_m", [0.0, 1000.0], [-1e-9, 1000.1]),
+        ("altitude.value_m", [-500.0, 9000.0], [-500.1, 9000.1]),
+        ("altitude.sigma_m", [0.0, 1e4], [-1e-9, 10_001.0]),
+        ("azimuth_bias_sigma_deg", [0.0, 180.0], [-1e-9, 180.1]),
+        ("tilt_bias_sigma_deg", [0.0, 180.0], [-1e-9, 180.1]),
+        ("frames.0.azimuth_deg", [0.0, 359.999999], [-1e-9, 360.0]),
+        ("frames.0.azimuth_sigma_deg", [0.0, 180.0], [-1e-9, 180.1]),
+        ("frames.0.tilt_deg", [-90.0, 90.0], [-90.1, 90.1]),
+        ("frames.0.tilt_sigma_deg", [0.0, 180.0], [-1e-9, 180.1]),
+        ("frames.0.roll_deg", [-180.0, 180.0], [-180.1, 180.1]),
+        ("frames.0.roll_sigma_deg", [0.0, 180.0], [-1e-9, 180.1]),
+        ("frames.0.label", ["x" * 64], ["", "x" * 65]),
+        ("frames.0.file", ["x" * 1024], ["x" * 1025, "a\\b", "c:b", "."]),
+        ("prior.lat_deg", [-90.0, 90.0], [-90.1, 90.1]),
+        ("prior.lon_deg", [-360.0, 360.0], [-360.1, 360.1]),
+        ("prior.radius_m", [1e-3], [0.0, -1.0]),
+    ],
+)
+def test_a_reading_is_taken_up_to_its_limit_and_not_beyond(bundle_dir, where, taken, refused):
+    def parsed(value):
+        fields = json.loads((bundle_dir / "bundle.json").read_text())
+        fields["prior"] = {"lat_deg": 46.2, "lon_deg": -122.2, "radius_m": 2000.0}
+        if where == "camera.width_px":  # with a lens as wide as before
+            fields["camera"].update(
+                height_px=3, fx_px=max(float(value), 1.0), fy_px=3.0, cx_px=0.0, cy_px=0.0
+            )
+        *parts, last = (int(part) if part.isdigit() else part for part in where.split("."))
+        at = fields
+        for part in parts:
+            at = at[part]
+        at[last] = value
+        return parse_bundle(json.dumps(fields).encode(), "bundle.json")
+
+    for value in taken:
+        parsed(value)
+    field = where.replace(".0", "[0]")
+    for value in refused:
+        with pytest.raises(BundleError) as refusal:
+            parsed(value)
+        assert str(refusal.value).startswith(f"bundle.json: {field}: ")
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        # 2 atan(w / 2f): 16 px wide. 170 deg at f = 8 / tan(85 deg) = 0.69992, 0.2 deg at f = 8 / tan(0.1 deg) = 4583.66
+        ({"fx_px": 0.6998}, "fx_px 0.6998 on 16 px is a field of view of 170 deg; should be 0.2 to 170"),
+        ({"fx_px": 0.7001}, None),
+        ({"fx_px": 4583.0}, None),
+        ({"fx_px": 4584.5}, "fx_px 4584.5 on 16 px is a field of view of 0.2 deg; should be 0.2 to 170"),
+        ({"fy_px": 0.5}, "fy_px 0.5 on 12 px is a field of view of 170 deg"),
+        ({"cx_px": -16.0}, None),
+        ({"cx_px": -16.1}, "cx_px -16.1 is far outside a picture of 16 px"),
+        ({"cx_px": 32.0}, None),
+        ({"cx_px": 32.1}, "cx_px 32.1 is far outside a picture of 16 px"),
+        ({"cy_px": 24.1}, "cy_px 24.1 is far outside a picture of 12 px"),
+        ({"cy_px": -12.1}, "cy_px -12.1 is far outside a picture of 12 px"),
+    ],
+)
+def test_a_camera_has_a_view_of_a_fifth_of_a_degree_to_170(change, complaint):
+    camera = {"width_px": 16, "height_px": 12, "fx_px": 12.3, "fy_px": 12.3, "cx_px": 7.5, "cy_px": 5.5}
+    if complaint is None:
+        Camera(**{**camera, **change})
+    else:
+        with pytest.raises(ValueError, match=re.escape(complaint)):
+            Camera(**{**camera, **change})
+
+
+def test_a_picture_has_150_megapixels_at_most():
+    fits = Camera(width_px=15_000, height_px=10_000, fx_px=1e4, fy_px=1e4, cx_px=7500.0, cy_px=5000.0)
+    assert fits.width_px * fits.height_px == 150_000_000
+    with pytest.raises(ValueError, match="15000 x 10001 px are more than 150 megapixels"):
+        Camera(width_px=15_000, height_px=10_001, fx_px=1e4, fy_px=1e4, cx_px=7500.0, cy_px=5000.0)
+
+
+def test_how_many_more_fields_are_wrong_is_said(edit_bundle):
+    def two(fields):
+        fields["mast_height_m"] = -1.0
+        fields["frames"][1]["tilt_deg"] = 91.0
+
+    with pytest.raises(BundleError, match=r"mast_height_m: .* \(got -1.0\) \(and 1 more\)$"):
+        load_bundle(edit_bundle(two))
+    with pytest.raises(BundleError, match=r"mast_height_m: .* \(got -1.0\)$"):
+        load_bundle(edit_bundle(lambda fields: fields["frames"][1].update(tilt_deg=1.0)))
+
+
+@pytest.mark.parametrize(
+    ("name", "advice"),
+    [
+        ("one.zip", r"; take it out of the archive first: rig bundle import$"),
+        ("one.tar.gz", r"; take it out of the archive first: rig bundle import$"),
+        ("one.tgz", r"; take it out of the archive first: rig bundle import$"),
+        ("one.tar", r"; take it out of the archive first: rig bundle import$"),
+        ("one.txt", r"a bundle is a directory with a bundle\.json$"),
+    ],
+)
+def test_what_to_do_with_a_file_is_said(tmp_path, name, advice):
+    (tmp_path / name).write_bytes(b"PK")
+    with pytest.raises(BundleError, match=advice):
+        load_bundle(tmp_path / name)
+
+
+def test_the_folder_of_a_bundle_json_is_named(bundle_dir):
+    with pytest.raises(BundleError, match=rf"; name {re.escape(str(bundle_dir))}$"):
+        load_bundle(bundle_dir / "bundle.json")

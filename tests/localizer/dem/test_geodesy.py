@@ -62,6 +62,15 @@ def test_longitudes_may_be_off_by_a_turn():
         assert float(col) == pytest.approx(0.15 * 3600 - 0.5, abs=1e-6)
 
 
+def test_a_place_is_told_by_the_turn_that_is_nearest_to_the_middle_of_the_dem():
+    """A DEM from 36 degrees west to 36 degrees east; 0.08 degrees a cell."""
+    wide = flat(4326, -36.0, 36.0, 0.08, cells=900)
+    for lon_deg in (-179.0, -36.0, 0.0, 36.0, 179.0):
+        for turned in (lon_deg - 360.0, lon_deg, lon_deg + 360.0):
+            row, col = lonlat_to_rowcol(wide, turned, 0.0)
+            assert (float(row), float(col)) == pytest.approx((449.5, 449.5 + lon_deg / 0.08), abs=1e-6)
+
+
 def test_nad27_lies_some_100_m_from_wgs84():
     dem = DEMS["NAD27 UTM"]
     lon_deg, lat_deg = rowcol_to_lonlat(dem, 0, 0)

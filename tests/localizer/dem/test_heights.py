@@ -25,6 +25,12 @@ ELLIPSOIDAL = (
     + ',VERT_CS["WGS 84 ellipsoid",'
     'VERT_DATUM["World Geodetic System 1984 ellipsoid",2002],UNIT["metre",1],AXIS["Up",UP]]]'
 )
+LOCAL_HEIGHT = (
+    ELLIPSOIDAL.replace('VERT_CS["WGS 84 ellipsoid"', 'VERT_CS["local height"')
+    .replace("World Geodetic System 1984 ellipsoid", "Ellipsoid of a survey")
+    .replace(",2002]", ",2005]")
+)
+"""Only the name of its datum says what it counts from."""
 GRID = Affine(30.0, 0.0, 400_000.0, 0.0, -30.0, 3_800_000.0)
 HILLS = (500.0 + np.add.outer(np.arange(40.0), np.arange(50.0))).astype(np.float32)
 
@@ -33,6 +39,8 @@ HILLS = (500.0 + np.add.outer(np.arange(40.0), np.arange(50.0))).astype(np.float
     ("crs", "name", "ellipsoidal"),
     [
         ("EPSG:32611", None, False),
+        ("EPSG:5773", "EGM96 height", False),
+        (LOCAL_HEIGHT, "local height", True),
         ("EPSG:4979", "height above the ellipsoid", True),
         ("EPSG:4326+5773", "EGM96 height", False),
         ("EPSG:4326+3855", "EGM2008 height", False),
@@ -95,6 +103,7 @@ def test_a_geoid_offset_that_the_file_contradicts_is_noted(write_raster, run):
         "says that its elevations are NAVD88 height, which counts from the sea; --geoid-offset moves them by +33.5 m"
         in out
     )
+    assert "heights       NAVD88 height; -33.5 m taken off (--geoid-offset)" in out
 
 
 def test_depths_are_no_elevations(write_raster, refused):
@@ -114,12 +123,14 @@ def geoid(tmp_path):
     """Installs a geoid grid of the whole Earth, given by its undulation at longitudes and latitudes, for a while."""
     own = pyproj.datadir.get_data_dir()
 
-    def install(undulation_m: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> None:
+    def install(
+        undulation_m: Callable[[np.ndarray, np.ndarray], np.ndarray], name: str = "egm96_15.gtx"
+    ) -> None:
         lon, lat = np.meshgrid(np.linspace(-180.0, 180.0, 13), np.linspace(90.0, -90.0, 7))
         folder = tmp_path / "proj"
-        folder.mkdir()
+        folder.mkdir(exist_ok=True)
         with rasterio.open(
-            folder / "egm96_15.gtx",
+            folder / name,
             "w",
             driver="GTX",
             height=7,
@@ -148,14 +159,41 @@ def test_an_installed_geoid_grid_brings_ellipsoidal_heights_to_the_sea(write_ras
     dem = load_dem([path])
     east, north = np.meshgrid(402_500.0 + 5_000.0 * np.arange(10), 3_799_950.0 - 100.0 * np.arange(1100))
     lon, lat = pyproj.Transformer.from_crs(32611, 4326, always_xy=True).transform(east, north)
-    assert np.allclose(dem.z_m, z_m - (40.0 + 0.3 * lon - 0.4 * lat), rtol=0.0, atol=0.002)
-    assert dem.heights.converted.startswith("EGM96 height (")
+    expected_m = 40.0 + 0.3 * lon - 0.4 * lat
+    assert np.allclose(dem.z_m, z_m - expected_m, rtol=0.0, atol=0.002)
+    least, most = expected_m.min(), expected_m.max()
+    assert dem.heights.converted == f"EGM96 height ({least:+.1f} to {most:+.1f} m taken off)"
+    assert f"{least:+.1f}" != f"{most:+.1f}"
     assert dem.heights.altitude_sigma_m == 0.0
 
 
-@pytest.mark.parametrize("undulation_m", [121.0, -121.0])
-def test_a_geoid_grid_that_no_place_has_is_not_used(write_raster, geoid, undulation_m):
-    geoid(lambda lon, _: np.full(lon.shape, undulation_m))
+def test_the_newer_geoid_is_taken_where_both_are_installed(write_raster, geoid):
+    geoid(lambda lon, _: np.full(lon.shape, -33.5))
+    geoid(lambda lon, _: np.full(lon.shape, -34.5), "egm08_25.gtx")
+    dem = load_dem([write_raster(HILLS, crs=ELLIPSOIDAL, transform=GRID)])
+    assert np.allclose(dem.z_m, HILLS + 34.5, atol=0.001)
+    assert "EGM2008" in dem.heights.converted
+
+
+def test_heights_above_the_sea_stay_as_they_are_whatever_geoid_is_installed(write_raster, geoid):
+    geoid(lambda lon, _: np.full(lon.shape, -33.5))
+    dem = load_dem([write_raster(HILLS, crs="EPSG:26911+5703", transform=GRID)])
+    assert np.array_equal(dem.z_m, HILLS)
+    assert dem.heights.converted is None
+
+
+@pytest.mark.parametrize(
+    ("undulation_m", "slope"),
+    [
+        (121.0, 0.0),
+        (-121.0, 0.0),
+        (120.0, 30.0),
+    ],  # the last one: at the middle of the DEM, so half of it is too high
+)
+def test_a_geoid_grid_that_no_place_has_is_not_used(write_raster, geoid, undulation_m, slope):
+    to_lonlat = pyproj.Transformer.from_crs(32611, 4326, always_xy=True)
+    middle, _ = to_lonlat.transform(400_750.0, 3_799_400.0)
+    geoid(lambda lon, _: undulation_m + slope * (lon - middle))
     dem = load_dem([write_raster(HILLS, crs=ELLIPSOIDAL, transform=GRID)])
     assert np.array_equal(dem.z_m, HILLS)
     assert dem.heights.converted is None
