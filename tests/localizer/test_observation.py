@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from localizer.bundle import Camera
-from localizer.observation import FrameObservation, Observation, PriorCircle
+from localizer.observation import NO_COMPASS_SIGMA_DEG, FrameObservation, Observation, PriorCircle
 
 CAMERA = Camera(width_px=64, height_px=48, fx_px=60.0, fy_px=60.0, cx_px=31.5, cy_px=23.5)
 FRAME = FrameObservation(
@@ -19,6 +19,7 @@ SCENE = Observation((FRAME,), 2.0, 1200.0, 5.0, 1.0, 0.02)
     "change",
     [
         {"sigma_px": np.zeros(5)},
+        {"sigma_px": np.array([0.5, 0.5, 0.0, 0.5, 0.5])},
         {"sigma_px": np.full(5, np.inf)},
         {"sigma_px": np.full(5, -1.0)},
         {"sigma_px": np.full(4, 0.5)},
@@ -61,6 +62,12 @@ def test_readings_without_a_meaning_are_refused(change):
 def test_a_sensor_may_be_exact():
     replace(FRAME, azimuth_sigma_deg=0.0, tilt_sigma_deg=0.0, roll_sigma_deg=0.0)
     replace(SCENE, altitude_m=None, altitude_sigma_m=np.inf, azimuth_bias_sigma_deg=0.0)
+    replace(SCENE, altitude_sigma_m=1e-3, tilt_bias_sigma_deg=0.0)
+
+
+def test_180_degrees_say_that_there_is_no_compass():
+    """As the format of a bundle has it."""
+    assert NO_COMPASS_SIGMA_DEG == 180.0
 
 
 @pytest.mark.parametrize(
