@@ -348,6 +348,20 @@ def test_how_many_more_fields_are_wrong_is_said(edit_bundle):
         load_bundle(edit_bundle(lambda fields: fields["frames"][1].update(tilt_deg=1.0)))
 
 
+def test_a_list_that_is_wrong_is_not_repeated_in_the_message(edit_bundle):
+    with pytest.raises(BundleError, match=r"frames: [^()]*$"):
+        load_bundle(edit_bundle(lambda fields: fields.update(frames=[])))
+
+
+def test_a_bundle_has_a_thousand_frames_at_most(bundle_dir):
+    fields = json.loads((bundle_dir / "bundle.json").read_text())
+    fields["frames"] = [{**fields["frames"][0], "label": str(number)} for number in range(1001)]
+    with pytest.raises(BundleError, match="at most 1000 items"):
+        parse_bundle(json.dumps(fields).encode(), "bundle.json")
+    del fields["frames"][0]
+    assert len(parse_bundle(json.dumps(fields).encode(), "bundle.json").frames) == 1000
+
+
 @pytest.mark.parametrize(
     ("name", "advice"),
     [

@@ -29,6 +29,14 @@ def test_a_scale_that_makes_no_elevations_is_refused_with_what_to_do(write_raste
     assert np.allclose(load_dem([path], scale=0.1).z_m, HILLS * 0.1, rtol=1e-6)
 
 
+def test_a_scale_that_is_told_may_be_1_and_not_0(write_raster):
+    path = write_raster(HILLS, scale=0.1)
+    assert np.array_equal(load_dem([path], scale=1.0).z_m, HILLS)
+    for scale in (0.0, np.nan, np.inf):
+        with pytest.raises(DemError, match=f"^--scale: {scale:g} makes no elevations"):
+            load_dem([path], scale=scale)
+
+
 def test_an_offset_that_is_no_number_is_refused(write_raster):
     with pytest.raises(DemError, match="offset is nan"):
         load_dem([write_raster(HILLS, offset=np.nan)])
@@ -129,6 +137,42 @@ def test_a_number_of_voids_that_lies_among_the_ground_is_ground(write_raster):
     shore = np.linspace(-1500, 9000, 1200).reshape(30, 40).astype(np.int16)
     shore[0, 0] = -999
     assert np.isfinite(load_dem([write_raster(shore, scale=0.01)]).z_m).all()
+
+
+@pytest.mark.parametrize(
+    ("void", "scale"),
+    [
+        *((void, 0.01) for void in (-999, -9999, -32767, -32768, 9999, 99999, 32767, 65535)),
+        (-99999, 0.001),
+    ],
+)
+def test_each_usual_void_apart_from_the_ground_is_one(write_raster, void, scale):
+    z = HILLS.astype(np.int32)  # 30 to 78 m, or 3 to 8 m: the void lies 20 m or more beside that
+    z[3, 4] = void
+    assert np.argwhere(np.isnan(load_dem([write_raster(z, scale=scale)]).z_m)).tolist() == [[3, 4]]
+
+
+def test_such_a_number_in_the_middle_of_much_higher_and_lower_ground_is_ground(write_raster):
+    z = np.linspace(20_000, 90_000, 1200).reshape(30, 40).astype(np.int32)  # 20 to 90 m
+    z[5, 5] = 32767
+    assert np.isfinite(load_dem([write_raster(z, scale=0.001)]).z_m).all()
+
+
+def test_the_end_of_a_type_s_range_is_a_void_also_right_beside_the_ground(write_raster):
+    z = np.linspace(20_000, 32_700, 1200).reshape(30, 40).astype(np.int16)  # up to 327.00 m
+    z[2, 3] = 32767
+    dem = load_dem([write_raster(z, scale=0.01)])
+    assert np.argwhere(np.isnan(dem.z_m)).tolist() == [[2, 3]]
+
+
+def test_bytes_use_their_whole_range(write_raster):
+    z = np.linspace(0, 255, 1200).reshape(30, 40).astype(np.uint8)
+    assert load_dem([write_raster(z)]).z_m.max() == 255.0
+
+
+def test_complex_numbers_are_no_elevations(write_raster):
+    with pytest.raises(DemError, match="holds complex64 values, which are no elevations"):
+        load_dem([write_raster(HILLS.astype(np.complex64))])
 
 
 @given(st.integers(-40_000, 800_000), st.sampled_from([0.1, 0.01, 0.001]))
