@@ -186,6 +186,9 @@ def test_if_it_fits_nowhere_either_the_reason_stays_or_says_so(diagnosed):
         == contradicted
     )
     assert diagnosed(fix_of(), seeing(**WITH_SKYLINE), located("none"))[0].reason.code == "outside"
+    unbelieved = located("fix")
+    unbelieved.decision.status = "none"
+    assert diagnosed(fix_of(), seeing(**WITH_SKYLINE), unbelieved)[0].reason.code == "outside"
 
 
 @pytest.mark.parametrize(
@@ -242,6 +245,9 @@ def test_the_note_says_by_how_much_and_what_would_mend_it():
     assert "reads +35 m off the place found, 7.0 of its sigmas" in note
     assert "(EGM96)" in note
     assert note.endswith("say --geoid-offset -35")
+    low = altitude_note(fix_of("ambiguous", bias_m=-35.0), bundle(), heights(0.0))  # type: ignore[arg-type]
+    assert "reads -35 m off the place found, 7.0 of its sigmas" in low
+    assert low.endswith("say --geoid-offset 35")
     nameless = altitude_note(fix_of("ambiguous", bias_m=35.0), bundle(), heights(0.0, ""))  # type: ignore[arg-type]
     assert "(of no stated vertical datum)" in nameless
 
