@@ -59,10 +59,22 @@ def timeless(rows: list[CaseRow]) -> list[dict[str, str]]:
 
 
 def test_cases_are_located_where_they_were_made(finished: tuple[Path, list[CaseRow]]) -> None:
-    for row in finished[1]:
-        assert row.status == "none" or row.truth_among
+    fixes = [row for row in finished[1] if row.status == "fix"]
+    assert [row.case for row in fixes] == [0, 2]
+    for row in fixes:
+        assert row.easting_m is not None
+        assert row.northing_m is not None
+        off_m = np.hypot(row.easting_m - row.true_easting_m, row.northing_m - row.true_northing_m)
+        assert row.error_m == pytest.approx(off_m, rel=1e-3)
+        assert off_m < 3.0
+        assert row.truth_among
+        assert row.truth_probability > 0.99
+        assert row.mahalanobis2 is not None
+        assert row.mahalanobis2 < 9.21  # 99% of a chi-square with two degrees of freedom
+        assert row.sigma_major_m is not None
         assert row.crlb_rms_m is not None
-        assert 0.0 < row.crlb_rms_m < 30.0
+        assert 0.0 < row.crlb_rms_m < 2.0 * row.sigma_major_m
+    assert all(row.crlb_rms_m is not None and 0.0 < row.crlb_rms_m < 30.0 for row in finished[1])
 
 
 def test_an_interrupted_run_ends_with_the_same_rows(
