@@ -70,7 +70,7 @@ def test_a_broken_encoder_is_not_restarted(tmp_path: Path) -> None:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     now_s = [1000.0]
-    monkeypatch.setattr("rig.daemon.servo_restarts.time.monotonic", lambda: now_s[0])
+    monkeypatch.setattr("rig.timebase.monotonic_s", lambda: now_s[0])
     return now_s
 
 
