@@ -1,8 +1,8 @@
 """The time base of the rig: monotonic time, the waits on it, and the wall clock. All of ``rig`` takes them from here.
 
 Behind it stands one clock, the computer's. ``running_on`` puts another in its place, for tests: one that runs faster,
-together with simulated devices, or one that is stepped. What the operating system waits for (the end of a thread or a
-process, a socket) waits on the computer's clock in any case.
+together with simulated devices, or one that is stepped. The operating system waits on the computer's clock in any case:
+for the end of a thread or a process, and for a byte, for as long as ``computer_s`` says.
 """
 
 import threading
@@ -36,6 +36,10 @@ class Clock(Protocol):
         """Wait on a condition that is held until it is ``ready``, for at most ``seconds``; returns whether it is."""
         ...
 
+    def computer_s(self, seconds: float) -> float:
+        """How long that lasts on the computer's clock."""
+        ...
+
 
 class ComputerClock:
     """The computer's clock."""
@@ -59,6 +63,10 @@ class ComputerClock:
     def wait_for(self, changed: threading.Condition, ready: Callable[[], bool], seconds: float) -> bool:
         """``threading.Condition.wait_for``."""
         return changed.wait_for(ready, seconds)
+
+    def computer_s(self, seconds: float) -> float:
+        """As long."""
+        return seconds
 
 
 _clock: Clock = ComputerClock()
@@ -98,3 +106,8 @@ def wait(event: threading.Event, seconds: float) -> bool:
 def wait_for(changed: threading.Condition, ready: Callable[[], bool], seconds: float) -> bool:
     """Wait on a condition that is held until it is ``ready``, for at most ``seconds``; returns whether it is."""
     return _clock.wait_for(changed, ready, seconds)
+
+
+def computer_s(seconds: float) -> float:
+    """How long that lasts on the computer's clock: a time limit for the operating system."""
+    return _clock.computer_s(seconds)

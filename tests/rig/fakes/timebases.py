@@ -35,6 +35,7 @@ class FastClock:
 
     def __init__(self, speed: float) -> None:
         self.speed = speed
+        self._skipped_s = 0.0
         self._begun_s, self._begun_utc = time.monotonic(), datetime.now(UTC)
 
     def monotonic_s(self) -> float:
@@ -44,7 +45,7 @@ class FastClock:
         return self._begun_utc + timedelta(seconds=self._passed_s())
 
     def _passed_s(self) -> float:
-        return self.speed * (time.monotonic() - self._begun_s)
+        return self._skipped_s + self.speed * (time.monotonic() - self._begun_s)
 
     def sleep(self, seconds: float) -> None:
         time.sleep(seconds / self.speed)
@@ -54,6 +55,13 @@ class FastClock:
 
     def wait_for(self, changed: threading.Condition, ready: Callable[[], bool], seconds: float) -> bool:
         return changed.wait_for(ready, seconds / self.speed)
+
+    def computer_s(self, seconds: float) -> float:
+        return seconds / self.speed
+
+    def skip(self, seconds: float) -> None:
+        """Let so much time have passed."""
+        self._skipped_s += seconds
 
 
 class SteppedClock:
@@ -85,6 +93,9 @@ class SteppedClock:
 
     def wait_for(self, changed: threading.Condition, ready: Callable[[], bool], seconds: float) -> bool:
         raise NotImplementedError("no test steps what waits on a condition")
+
+    def computer_s(self, seconds: float) -> float:
+        return 0.0
 
     def _wait(self, is_over: Callable[[], bool], seconds: float) -> None:
         thread = threading.current_thread()
