@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from fakes.line import Line
+from fakes.timebases import FastClock, on
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -45,10 +46,12 @@ def line() -> Iterator[Line]:
 
 
 @pytest.fixture(autouse=True)
-def in_haste(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without time for the survey of the line."""
+def in_haste(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Without time for the survey of the line; and what does not come is given up after a fifth of the time."""
     monkeypatch.setattr(talker, "SURVEY_S", 0.0)
     monkeypatch.setattr(talker, "COMPASS_SURVEY_S", 0.0)
+    with on(FastClock(5.0)):
+        yield
 
 
 @pytest.fixture
@@ -60,11 +63,12 @@ def hear(line: Line, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., 
     def hear(driver: Callable[..., Talker[Any]], data: bytes, **keys: Any) -> Any:
         device = driver(line.path, 4800, **keys)
         opened.append(device)
-        line.say_soon(data)
-        readings = [device.read(SOON_S)]
+        device._lines.discard()  # as ``read`` does, but before anything is said
+        line.say(data)
+        readings = [device._next(SOON_S)]
         while True:
             try:
-                readings.append(device._next(0.05))
+                readings.append(device._next(SOON_S))
             except TransientError:
                 return readings
 
