@@ -90,6 +90,8 @@ class Quick:
     bundles: Path
     faults: list[str]
     """What the fault script said."""
+    speed: float
+    """Of rig and devices, as against the computer's clock."""
 
     def capture(self) -> Path:
         """A bundle of two directions ahead. The servos of these tests do not swing."""
@@ -163,7 +165,7 @@ def quick_rig(
         for limit, longer in AT_SPEED.items() if in_this_process else ():
             text = text.replace(limit, longer)
         rig.config_path.write_text(text + CAPTURE)
-        yield Quick(world, rig, bundles, said)
+        yield Quick(world, rig, bundles, said, speed)
 
 
 def open_descriptors() -> int:
