@@ -18,6 +18,7 @@ import pytest
 from click.testing import CliRunner
 from fakes.attacks import BOM, JSON_ATTACKS, TOML_ATTACKS
 from fakes.located import write_bundle
+from fakes.timebases import FastClock, on
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -80,9 +81,10 @@ class Listening:
 
 @pytest.fixture
 def listening(tmp_path: Path) -> Iterator[Listening]:
-    listening = Listening(tmp_path / "control.sock")
-    yield listening
-    listening.end()
+    with on(FastClock(20.0)):  # it looks every 12 ms whether it shall end
+        listening = Listening(tmp_path / "control.sock")
+        yield listening
+        listening.end()
 
 
 @pytest.mark.parametrize("attack", JSON_ATTACKS)
