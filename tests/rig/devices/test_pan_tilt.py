@@ -20,8 +20,9 @@ SPEED = 5.0
 
 @pytest.fixture(autouse=True)
 def _in_haste(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """The servos turn, and the head waits for them, five times as fast; an answer still has its 20 ms."""
-    monkeypatch.setattr("rig.devices.dynamixel.servo_bus._TURNAROUND_S", 0.02 * SPEED)
+    """The servos turn, and the head waits for them, five times as fast. Their answers, which a thread of
+    this computer gives, have more time than on a real bus."""
+    monkeypatch.setattr("rig.devices.dynamixel.servo_bus._TURNAROUND_S", 0.3 * SPEED)
     with on(FastClock(SPEED)):
         yield
 

@@ -32,11 +32,11 @@ SPEED = 4.0
 def _in_haste(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """These servos do not swing: they stand as soon as they have stopped. And all goes four times as fast.
 
-    An answer still has its 20 ms: what answers is a thread of this computer.
+    The answers, which a thread of this computer gives, have more time than on a real bus.
     """
     monkeypatch.setattr("rig.devices.pan_tilt._STILL_S", 0.05)
     monkeypatch.setattr("rig.devices.pan_tilt._POLL_S", 0.01)
-    monkeypatch.setattr("rig.devices.dynamixel.servo_bus._TURNAROUND_S", 0.02 * SPEED)
+    monkeypatch.setattr("rig.devices.dynamixel.servo_bus._TURNAROUND_S", 0.3 * SPEED)
     with on(FastClock(SPEED)):
         yield
 

@@ -146,7 +146,7 @@ def quick_rig(
     with contextlib.ExitStack() as running:
         if in_this_process:
             patch = running.enter_context(pytest.MonkeyPatch.context())
-            patch.setattr("rig.devices.dynamixel.servo_bus._TURNAROUND_S", 0.02 * SPEED)
+            patch.setattr("rig.devices.dynamixel.servo_bus._TURNAROUND_S", 0.15 * SPEED)
             running.enter_context(on(FastClock(SPEED)))
         rig = running.enter_context(
             simulated_rig(
