@@ -40,6 +40,9 @@ from rig.errors import ConfigError
 EXAMPLE = Path(__file__).parents[3] / "configs" / "vehicle.toml"
 PATIENCE_S = 30.0
 
+SPEED = 20.0
+"""So fast runs the clock by which the loop looks whether it shall end, and proves that it gets on."""
+
 
 class Listening:
     """A control socket that is served, and whose loop is watched."""
@@ -53,7 +56,7 @@ class Listening:
         self._thread.start()
 
     def _serve(self) -> None:
-        with self.heartbeats.watched("control", 1.0):
+        with self.heartbeats.watched("control", 1.0 * SPEED):
             self._listener.run(lambda: self.heartbeats.beat("control"), self._stop)
 
     def end(self) -> None:
@@ -81,7 +84,7 @@ class Listening:
 
 @pytest.fixture
 def listening(tmp_path: Path) -> Iterator[Listening]:
-    with on(FastClock(20.0)):  # it looks every 12 ms whether it shall end
+    with on(FastClock(SPEED)):
         listening = Listening(tmp_path / "control.sock")
         yield listening
         listening.end()

@@ -318,13 +318,13 @@ def test_a_silent_program_lets_the_servos_stop_by_themselves(parameters, servos)
             head.wait_settled()
 
 
-def test_setting_up_that_fails_half_way_leaves_no_torque_and_a_free_port(parameters, servos, monkeypatch):
-    refuse_writes_to(servos.servos[2], 112, monkeypatch)
+def test_setting_up_that_fails_half_way_leaves_no_torque_and_a_free_port(parameters, servos):
     servos.servos[1].registers[TORQUE] = servos.servos[2].registers[TORQUE] = 1
-    with pytest.raises(DeviceError, match="servo id 2"):
-        PanTilt(parameters)
+    with pytest.MonkeyPatch.context() as refusing:
+        refuse_writes_to(servos.servos[2], 112, refusing)
+        with pytest.raises(DeviceError, match="servo id 2"):
+            PanTilt(parameters)
     assert register(servos, TORQUE, 1) == [0, 0]
-    monkeypatch.undo()
     PanTilt(parameters).close()
 
 

@@ -329,9 +329,9 @@ class TestBarometer:
         self, line: Line, body: str, said: str, pressure_hpa: float
     ) -> None:
         barometer = nmea_barometer(line.path, 4800)
-        line.say_soon(*[has_checksum(body)] * 4)
+        line.say_soon(*[has_checksum(body)] * 40)
         with collecting() as faults:
-            found = barometer.read_many(0.05)
+            found = barometer.read_many(0.5)
         barometer.close()
         assert set(air(found)) == {pressure_hpa}
         assert [note.problem for note in faults.all()] == [said]
@@ -404,9 +404,9 @@ class TestBarometer:
 
     def test_two_sentences_that_disagree_are_an_error(self, line: Line) -> None:
         barometer = nmea_barometer(line.path, 4800)
-        line.say_soon(*[has_checksum("WIXDR,P,0.9687,B,Barometer", "IIXDR,P,0.9537,B,BARO2")] * 4)
+        line.say_soon(*[has_checksum("WIXDR,P,0.9687,B,Barometer", "IIXDR,P,0.9537,B,BARO2")] * 40)
         with pytest.raises(DeviceError, match=r"WIXDR Barometer 968\.7 hPa and IIXDR BARO2 953\.7 hPa; name"):
-            barometer.read_many(0.05)
+            barometer.read_many(0.5)
         barometer.close()
 
     def test_two_that_take_turns_are_heard_both(self, line: Line, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -422,8 +422,8 @@ class TestBarometer:
 
     def test_of_two_that_agree_the_finer_one_counts(self, line: Line) -> None:
         barometer = nmea_barometer(line.path, 4800)
-        line.say_soon(*[has_checksum("WIXDR,P,0.97,B,Barometer", "IIXDR,P,0.9687,B,BARO2")] * 4)
-        assert {reading.source for reading in barometer.read_many(0.05)} == {"IIXDR BARO2"}
+        line.say_soon(*[has_checksum("WIXDR,P,0.97,B,Barometer", "IIXDR,P,0.9687,B,BARO2")] * 40)
+        assert {reading.source for reading in barometer.read_many(0.5)} == {"IIXDR BARO2"}
         barometer.close()
 
     def test_a_vaisala_barometer_set_to_nmea_is_reported(self, hear: Callable[..., Any]) -> None:
