@@ -10,17 +10,25 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: demo test test-all test-system test-wheel examples notebook evaluate mutate docs reference figures lint format clean
+.PHONY: demo test test-all test-nightly test-system test-wheel examples notebook evaluate mutate docs reference figures lint format clean
 
 demo: $(READY)
 	$(BIN)/sim demo --seed $(SEED) --out demo
 
-# Tests of one file share slow fixtures (terrain, compiled code, a machine), so one worker runs them all.
+# Each worker runs one half of the files, so that tests of a file share its slow fixtures; who is done first takes over a part
+# of the rest. In an order of its own each time, printed as a seed; in CI always the same.
+ORDER ?= $(if $(CI),1,default)
+PYTEST = PYTHONDONTWRITEBYTECODE= $(BIN)/pytest --randomly-seed=$(ORDER)
+
 test: $(READY)
-	$(BIN)/pytest -n 2 --dist loadfile
+	$(PYTEST) -n 2 --dist worksteal
 
 test-all: $(READY)
-	$(BIN)/pytest -n 2 --dist loadfile -m "not system"
+	$(PYTEST) -n 2 --dist worksteal -m "not system"
+
+# As test-all, with twenty times as many examples for each property. Hours.
+test-nightly: $(READY)
+	$(PYTEST) -n 2 --dist worksteal -m "not system" --hypothesis-profile nightly --timeout 7200
 
 # Tests against gpsd, a browser and systemd, installed if missing. Mostly waiting.
 test-system: $(READY)

@@ -9,10 +9,11 @@ without stepping the computer's. A file that is absent or holds no number adds n
 """
 
 import os
-import time
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+
+from rig import timebase
 
 OFFSET_VARIABLE = "SKYFIX_CLOCK_OFFSET"
 
@@ -22,7 +23,7 @@ PLAUSIBLE = datetime(2025, 1, 1, tzinfo=UTC), datetime(2050, 1, 1, tzinfo=UTC)
 
 def wall_clock() -> datetime:
     """The computer's wall clock, UTC."""
-    return datetime.now(UTC) + timedelta(seconds=_offset_s())
+    return timebase.wall_utc() + timedelta(seconds=_offset_s())
 
 
 def _offset_s() -> float:
@@ -39,7 +40,7 @@ class _Session:
     """The wall clock and the monotonic clock, read at the same moment."""
 
     def __init__(self) -> None:
-        self.monotonic_s = time.monotonic()
+        self.monotonic_s = timebase.monotonic_s()
         self.utc = wall_clock()
 
 
@@ -59,7 +60,7 @@ def utc_at(monotonic_s: float) -> datetime:
 
 def utc_now() -> datetime:
     """UTC now, by the session's clock."""
-    return utc_at(time.monotonic())
+    return utc_at(timebase.monotonic_s())
 
 
 def step_s() -> float:
@@ -85,5 +86,5 @@ class Instant:
     @classmethod
     def now(cls) -> "Instant":
         """The present."""
-        monotonic_s = time.monotonic()
+        monotonic_s = timebase.monotonic_s()
         return cls(monotonic_s, utc_at(monotonic_s))

@@ -13,11 +13,12 @@ from mutate.score import Book
 # Two workers share the processors; linear algebra on threads of its own would make each wait for the other. Before numpy loads.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-# How long one example takes says more about the machine's other work than about the code.
-settings.register_profile("unhurried", deadline=None)
+# Without deadlines: how long one example takes says more about the machine's other work than about the code.
+settings.register_profile("quick", deadline=None)
 # What decides whether a change lands gives the same answer twice; everywhere else new examples are tried each time.
-settings.register_profile("repeatable", deadline=None, derandomize=True)
-settings.load_profile("repeatable" if os.environ.get("CI") else "unhurried")
+settings.register_profile("ci", deadline=None, derandomize=True)
+settings.register_profile("nightly", deadline=None, max_examples=2000)
+settings.load_profile("ci" if os.environ.get("CI") else "quick")  # unless --hypothesis-profile names one
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -2,7 +2,6 @@
 
 import logging
 import math
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -11,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from rig import clock
+from rig import clock, timebase
 from rig.attitude.accelerometer import AccelerometerCorrection
 from rig.attitude.altitude import PressureReference, metres_per_hpa, plausible_altitude_m
 from rig.attitude.altitude_plausibility import AltitudeBounds, bounds_by_reference, require_plausible_altitude
@@ -68,7 +67,7 @@ def still_level(rig: Rig, duration_s: float) -> tuple[HeadLevel, float]:
     deadline = Deadline.after(rig.config.pan_tilt.settle_timeout_s)
     while True:
         last_try = deadline.expired
-        begun_s = time.monotonic()
+        begun_s = timebase.monotonic_s()
         whole, early, late = read_level(rig.inclinometer, section, duration_s)
         # Both are needed: a slow swing shows as drift, a fast one as scatter.
         drift_deg = max(abs(late.tilt_deg - early.tilt_deg), abs(late.roll_deg - early.roll_deg))

@@ -1,6 +1,5 @@
 """One capture: base attitude, then a frame of the skyline in each direction, then the bundle."""
 
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from datetime import datetime
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from localizer.bundle import Altitude
 from localizer.errors import SkyfixError
 from localizer.skyline.find import find_skyline
-from rig import clock, event_bus
+from rig import clock, event_bus, timebase
 from rig.attitude.altitude_plausibility import altitude_bounds
 from rig.attitude.kinematics import Head, JointAngles
 from rig.bundle.writer import Measurement, require_writable, write_bundle
@@ -127,7 +126,7 @@ def measure(
     report.doing("level and heading")
     reading = rig.readers.submit(_altitude, rig, dem)
     parked = rig.pan_tilt.state()
-    first = retry(lambda: rig.camera.frame_after(time.monotonic())).image_bgr
+    first = retry(lambda: rig.camera.frame_after(timebase.monotonic_s())).image_bgr
     seen = [seen_at(JointAngles(parked.pan_deg, parked.tilt_deg), first)]
     # Loading compiled code takes a second: done in parallel with the first moves.
     loading = rig.readers.submit(find_skyline, first)

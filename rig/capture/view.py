@@ -1,12 +1,12 @@
 """One view: aim at a direction, tilt until the skyline is well in the picture, and read all sensors meanwhile."""
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rig import timebase
 from rig.attitude.kinematics import Attitude, Head, JointAngles, body_attitude, head_rotation, joints_for
 from rig.attitude.level import HeadLevel
 from rig.attitude.tilt_agreement import require_agreement
@@ -125,7 +125,7 @@ def take_view(
     average_s = rig.config.inclinometer.average_s
     levelling = rig.readers.submit(still_level, rig, average_s)
     heading = rig.readers.submit(read_compass_during_picture, rig, average_s)
-    exposed_s = time.monotonic() + camera.exposure_settle_s
+    exposed_s = timebase.monotonic_s() + camera.exposure_settle_s
     pictures = take_pictures(rig.camera, camera.frames_per_direction, exposed_s, joints, seen)
     level, still_since_s = levelling.result()
     if pictures.frames[0].not_before_s < still_since_s:  # the mast still swung

@@ -1,7 +1,6 @@
 """``rig check``: connects to every device, checks identity, readings and noise. Nothing moves."""
 
 import math
-import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from localizer.errors import SkyfixError
-from rig import sysfs
+from rig import sysfs, timebase
 from rig.attitude.altitude_plausibility import AltitudeBounds, altitude_bounds
 from rig.attitude.magnetic_model import date_problem
 from rig.attitude.talker_headings import heading_notes
@@ -111,9 +110,9 @@ def check_pan_tilt(section: PanTiltSection) -> DeviceCheck:
         hint = scan_hint(section.port, section.baud)
         raise error if hint is None else TransientError(error.device, error.problem, hint) from error
     with head:
-        begun_s = time.monotonic()
+        begun_s = timebase.monotonic_s()
         states = [head.state() for _ in range(SERVO_STATES)]
-        answer_ms = (time.monotonic() - begun_s) * 1000.0 / SERVO_STATES
+        answer_ms = (timebase.monotonic_s() - begun_s) * 1000.0 / SERVO_STATES
         last = states[-1]
         pan_deg, tilt_deg = np.std([[state.pan_deg, state.tilt_deg] for state in states], axis=0)
         scatter_deg = float(max(pan_deg, tilt_deg))
@@ -237,7 +236,7 @@ def check_camera(section: CameraSection) -> DeviceCheck:
     """Image size, frame rate and brightness."""
     with Camera(section) as camera:
         camera.wait_open()
-        frames = camera.frames_after(time.monotonic() + section.exposure_settle_s, 3)
+        frames = camera.frames_after(timebase.monotonic_s() + section.exposure_settle_s, 3)
         first, last = (frame.image_bgr.astype(np.float32) for frame in (frames[0], frames[-1]))
         light = float(last.mean())
         noise = float((last - first).std()) / math.sqrt(2)

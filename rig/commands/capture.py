@@ -1,7 +1,6 @@
 """The command ``rig capture``."""
 
 import json
-import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,6 +11,7 @@ import click
 from localizer.commands.command_line import FiniteRange, OutputFolder, dem_files_option
 from localizer.commands.dem_options import dem_choice, dem_error_option
 from localizer.dem.choice import DemChoice
+from rig import timebase
 from rig.clock import wall_clock
 from rig.commands.options import config_option
 from rig.commands.signals import stopping_cleanly
@@ -146,10 +146,10 @@ def _take_one(
     from rig.capture.progress import console_progress
     from rig.capture.sequence import capture as take
 
-    begun_s = time.monotonic()
+    begun_s = timebase.monotonic_s()
     with stopping_cleanly(), console_progress(1 + len(directions)) as report:
         bundle_dir = take(config, directions, out_dir, report, dem=dem)
-    took_s = time.monotonic() - begun_s
+    took_s = timebase.monotonic_s() - begun_s
     if not as_json:
         click.echo(bundle_dir)
     found = {**bundle_summary(load_bundle(bundle_dir)), "took_s": round(took_s, 2)} if as_json else {}

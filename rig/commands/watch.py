@@ -3,13 +3,13 @@
 import json
 import math
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
 import click
 
 from localizer.commands.command_line import FiniteRange
+from rig import timebase
 from rig.commands.options import config_option
 from rig.commands.signals import stopping_cleanly
 from rig.config.load import config_path, load_config
@@ -81,7 +81,7 @@ def watch(
     console = Console()
     table = console.is_terminal and not as_json
     say = console.print if table else click.echo
-    end_s = math.inf if for_s is None else time.monotonic() + for_s
+    end_s = math.inf if for_s is None else timebase.monotonic_s() + for_s
     with stopping_cleanly(), collecting() as faults, Watcher(openers) as watcher:
 
         def show() -> RenderableType:
@@ -95,7 +95,7 @@ def watch(
 
         try:
             if once or not table:
-                watcher.wait_first_readings(min(FIRST_READINGS_S, end_s - time.monotonic()))
+                watcher.wait_first_readings(min(FIRST_READINGS_S, end_s - timebase.monotonic_s()))
             if once:
                 say(show())
             elif table:
@@ -109,9 +109,9 @@ def watch(
 
 
 def _repeat(act: Callable[[], None], every_s: float, end_s: float) -> None:
-    due_s = time.monotonic()
+    due_s = timebase.monotonic_s()
     while due_s < end_s:
         act()
         sys.stdout.flush()
         due_s += every_s
-        time.sleep(max(0.0, min(due_s, end_s) - time.monotonic()))
+        timebase.sleep(max(0.0, min(due_s, end_s) - timebase.monotonic_s()))

@@ -1,11 +1,11 @@
 """One capture of the daemon: free space in the spool, all devices, then a bundle or the reason for its failure."""
 
 import logging
-import time
 from collections.abc import Callable
 
 import structlog
 
+from rig import timebase
 from rig.capture.sequence import capture
 from rig.config.model import RigConfig
 from rig.daemon.device_locks import DeviceLocks
@@ -57,7 +57,7 @@ class Captures:
 
     def take(self, source: TriggerSource, beat: Callable[[], None]) -> str | None:
         """Take a capture and return the new bundle's id; after a failure None, with the reason in daemon state and log."""
-        begun_s = time.monotonic()
+        begun_s = timebase.monotonic_s()
         try:
             with self._signals.deferring_stop():
                 self._make_room()
@@ -97,7 +97,10 @@ class Captures:
                 self._state.count("captures done")
                 self._state.emit("capture", stage="done", trigger=source, bundle=bundle)
                 _log.info(
-                    "captured", bundle=bundle, trigger=source, seconds=round(time.monotonic() - begun_s, 1)
+                    "captured",
+                    bundle=bundle,
+                    trigger=source,
+                    seconds=round(timebase.monotonic_s() - begun_s, 1),
                 )
         return bundle
 

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from localizer.documents import DocumentError, json_values
+from rig import timebase
 from rig.daemon.readiness import why_not_ready_in_full
 from rig.daemon.state import Actions, DaemonState
 from rig.daemon.status import status_json
@@ -88,7 +89,7 @@ class ControlSocket:
             selector.register(self._socket, selectors.EVENT_READ)
             while not stop.is_set():
                 beat()
-                for key, _ in selector.select(POLL_S):
+                for key, _ in selector.select(timebase.computer_s(POLL_S)):
                     if key.fileobj is self._socket:
                         self._accept(selector, stop)
                     elif key.fd in self._clients:
@@ -107,7 +108,7 @@ class ControlSocket:
                 return
             except OSError as error:  # closed again, or out of descriptors, which would repeat endlessly
                 _log.warning("control: a client could not be taken in: %s", error.strerror)
-                stop.wait(POLL_S)
+                timebase.wait(stop, POLL_S)
                 return
             if len(self._clients) >= MAX_CLIENTS:
                 self._drop(selector, min(self._clients.values(), key=lambda client: client.until_s))

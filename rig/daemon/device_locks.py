@@ -1,9 +1,10 @@
 """Access to the devices for one user at a time: a capture takes all of them, everything else one."""
 
 import threading
-import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+
+from rig import timebase
 
 ALL = ("head", "inclinometer", "compass", "altimeter", "camera")
 POLL_S = 0.25
@@ -20,7 +21,7 @@ class DeviceLocks:
     def one(self, name: str) -> Iterator[None]:
         """Hold one device; release it after the current reading once ``wanted``."""
         while self._wanted.is_set():
-            time.sleep(POLL_S)
+            timebase.sleep(POLL_S)
         with self._locks[name]:
             yield
 

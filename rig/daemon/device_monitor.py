@@ -1,12 +1,12 @@
 """Probes every device between captures and updates the daemon state; failed ones are probed again with back-off."""
 
 import threading
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import structlog
 
+from rig import timebase
 from rig.config.model import RigConfig
 from rig.daemon.device_locks import ALL, DeviceLocks
 from rig.daemon.readiness import NEEDED
@@ -59,12 +59,12 @@ class DeviceMonitor:
         """Probe until ``stop``."""
         while not stop.is_set():
             beat()
-            now_s = time.monotonic()
+            now_s = timebase.monotonic_s()
             for name, device in self._devices.items():
                 if device.due_s <= now_s and not self._device_locks.wanted and not stop.is_set():
                     self._probe(name, device)
                     beat()
-            stop.wait(POLL_S)
+            timebase.wait(stop, POLL_S)
 
     def probe_now(self) -> None:
         """Probe all devices at the next opportunity, after a failure."""
@@ -74,7 +74,7 @@ class DeviceMonitor:
     def capture_succeeded(self) -> None:
         """A capture has just used the devices successfully: no probe is due."""
         self._restarts.capture_succeeded()
-        due_s = time.monotonic() + self._run.check_every_s
+        due_s = timebase.monotonic_s() + self._run.check_every_s
         for name, device in self._devices.items():
             if name in NEEDED:
                 device.due_s = due_s
@@ -94,7 +94,7 @@ class DeviceMonitor:
         if name == "head":
             self._restarts.healthy()
         device.wait_s = 0.0
-        device.due_s = time.monotonic() + self._run.check_every_s
+        device.due_s = timebase.monotonic_s() + self._run.check_every_s
         note_device(
             self._state, name, None, f"{source.identity}; {warnings}" if warnings else source.identity
         )
@@ -110,7 +110,7 @@ class DeviceMonitor:
 
     def _failed(self, name: str, device: _Device, problem: str) -> None:
         device.wait_s = next_wait_s(device.wait_s, self._run.retry_least_s, self._run.retry_most_s)
-        device.due_s = time.monotonic() + device.wait_s
+        device.due_s = timebase.monotonic_s() + device.wait_s
         note_device(self._state, name, problem, "")
 
 

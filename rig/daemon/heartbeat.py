@@ -4,11 +4,11 @@ import dataclasses
 import logging
 import sys
 import threading
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
+from rig import timebase
 from rig.daemon.notify import Notifier
 
 _log = logging.getLogger(__name__)
@@ -54,7 +54,7 @@ class Heartbeats:
         A loop that ends with an ``Exception`` stays listed as stalled until it is started again; other endings were
         requested.
         """
-        now = time.monotonic()
+        now = timebase.monotonic_s()
         loop = _Loop(max_interval_s, now + max_interval_s, now, threading.get_ident())
         with self._lock:
             if name in self._heartbeats and self._heartbeats[name].failed is None:
@@ -74,7 +74,7 @@ class Heartbeats:
         """A heartbeat of this loop. ``within_s`` allows the next one that long, once, for a slow step."""
         with self._lock:
             loop = self._heartbeats[name]
-            loop.beat_monotonic_s = time.monotonic()
+            loop.beat_monotonic_s = timebase.monotonic_s()
             loop.due_monotonic_s = loop.beat_monotonic_s + (
                 loop.max_interval_s if within_s is None else within_s
             )
@@ -84,7 +84,7 @@ class Heartbeats:
         """The stalled loops."""
         with self._lock:
             named = [(name, dataclasses.replace(loop)) for name, loop in self._heartbeats.items()]
-        now = time.monotonic()
+        now = timebase.monotonic_s()
         found = []
         for name, loop in named:
             if loop.failed is not None:
@@ -140,5 +140,5 @@ def _watch(heartbeats: Heartbeats, notifier: Notifier, ended: threading.Event) -
         if not stalled:
             notifier.progress()
         hung = hanging
-        if ended.wait(every_s):
+        if timebase.wait(ended, every_s):
             return

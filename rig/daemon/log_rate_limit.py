@@ -8,9 +8,10 @@ identify the subject of an event (``device``, ``bundle``) belong to its kind, to
 import logging
 import re
 import threading
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
+
+from rig import timebase
 
 FIRST, EVERY_S = 10, 60.0
 """Burst of warnings and errors per kind, then one per this interval, with the number suppressed."""
@@ -45,7 +46,7 @@ class RateLimitHandler(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         """Pass a record on, or count it. Counts are written before the next record of any kind, once due."""
-        now_s = time.monotonic()
+        now_s = timebase.monotonic_s()
         with self._budgets_lock:
             passed, due = self._spent(kind_of(record), now_s), self._due(now_s)
         for kind, count in due:

@@ -1,7 +1,6 @@
 """The daemon's main thread with one configuration: captures, and housekeeping between them."""
 
 import queue
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import Literal
 import structlog
 
 from localizer.errors import SkyfixError
-from rig import clock
+from rig import clock, timebase
 from rig.config.load import EXAMPLE, load_config
 from rig.config.model import RigConfig
 from rig.config.run import RunSection
@@ -119,13 +118,13 @@ class MainLoop:
         DEM cannot be used.
         """
         self._state.set_activity("connecting")
-        connecting, begun_s = True, time.monotonic()
-        due_s = time.monotonic() if self._run.every_s else None
+        connecting, begun_s = True, timebase.monotonic_s()
+        due_s = timebase.monotonic_s() if self._run.every_s else None
         while True:
             beat()
             if connecting and self._search.terrain.done():
                 self._search.terrain.result()
-                waited_s = time.monotonic() - begun_s
+                waited_s = timebase.monotonic_s() - begun_s
                 tried = all_tried(self._state) or waited_s > TRYING_S
                 if tried and (self._search.pictures.done() or waited_s > COMPILING_S):
                     connecting = False
@@ -135,12 +134,12 @@ class MainLoop:
             if (
                 due_s is not None
                 and not connecting
-                and time.monotonic() >= due_s
+                and timebase.monotonic_s() >= due_s
                 and why_not_ready(self._state) is None
             ):
                 assert self._run.every_s
                 self._triggers.trigger("interval")
-                due_s = max(due_s + self._run.every_s, time.monotonic())
+                due_s = max(due_s + self._run.every_s, timebase.monotonic_s())
             try:
                 request = self._requests.get(timeout=POLL_S)
             except queue.Empty:
@@ -212,8 +211,8 @@ class MainLoop:
         if status != self._status:
             self._status = status
             self._notifier.status(status)
-        if self._odometer and time.monotonic() >= self._odometer_due_s:
-            self._odometer_due_s = time.monotonic() + ODOMETER_EVERY_S
+        if self._odometer and timebase.monotonic_s() >= self._odometer_due_s:
+            self._odometer_due_s = timebase.monotonic_s() + ODOMETER_EVERY_S
             state = self._odometer.to_json()
             if state != self._odometer_saved:
                 save_odometer(self._spool, self._odometer)

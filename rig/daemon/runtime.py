@@ -11,6 +11,7 @@ from pathlib import Path
 
 import structlog
 
+from rig import timebase
 from rig.config.model import RigConfig
 from rig.daemon.captures import Captures
 from rig.daemon.control import ControlSocket
@@ -97,7 +98,7 @@ def run_configuration(config: RigConfig, shared: DaemonContext, started: Callabl
             heartbeats.append(("rest", rest.run, SLOW_BEAT_S))
         odometer = None
         if run.odometry:
-            odometer = Odometer(run.odometry, time.monotonic(), spool.recall(ODOMETER))
+            odometer = Odometer(run.odometry, timebase.monotonic_s(), spool.recall(ODOMETER))
             stack.callback(save_odometer, spool, odometer)
             stack.callback(odometer.undo_capture)  # for a capture interrupted by the end
             listener = OdometryListener(run.odometry, odometer, daemon_state.set_moving)
@@ -147,7 +148,7 @@ def _watch_storage(
     while not stop.is_set():
         beat()
         _look_at_storage(daemon_state, spool)
-        stop.wait(STORAGE_EVERY_S)
+        timebase.wait(stop, STORAGE_EVERY_S)
 
 
 def _look_at_storage(daemon_state: DaemonState, spool: Spool) -> None:

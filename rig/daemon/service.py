@@ -1,13 +1,13 @@
 """The daemon from start to end: one configuration after the other."""
 
 import os
-import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import structlog
 
 from localizer.errors import SkyfixError
+from rig import timebase
 from rig.config.load import load_config
 from rig.config.model import RigConfig
 from rig.daemon.boot import process_age_s
@@ -58,22 +58,22 @@ def _run_configurations(
     """
     in_force: RigConfig | None = None
     runs = False
-    begun_s = time.monotonic() - process_age_s()
+    begun_s = timebase.monotonic_s() - process_age_s()
 
     def started() -> None:
         nonlocal in_force, runs
         in_force, runs = config, True
-        tell_started(time.monotonic() - begun_s)
+        tell_started(timebase.monotonic_s() - begun_s)
 
     while True:
         runs = False
         try:
             config = run_configuration(config, shared, started)
-            begun_s = time.monotonic()
+            begun_s = timebase.monotonic_s()
             _log.info("configuration read anew", config=str(shared.path))
         except SkyfixError as error:
             if runs or in_force is None or config is in_force:
                 raise
-            begun_s = time.monotonic()
+            begun_s = timebase.monotonic_s()
             refused(shared.daemon_state, str(error))
             config = in_force

@@ -5,13 +5,13 @@ power-cycled. The cause may persist: restarts back off, and stop after a few wit
 faults and electrical shocks are not reset, as that may cause damage.
 """
 
-import time
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from functools import partial
 
 import structlog
 
+from rig import timebase
 from rig.config.sections import PanTiltSection
 from rig.devices.bus.retry import retry
 from rig.devices.bus.serial_port import SerialPort
@@ -59,7 +59,7 @@ class ServoRestarts:
 
     def hardware_error_seen(self) -> Sequence[str]:
         """The head has a hardware error now; returns what was restarted."""
-        now_s = time.monotonic()
+        now_s = timebase.monotonic_s()
         if self._seen_s is None:
             self._seen_s = now_s
         if self.exhausted or now_s < self._seen_s + self._waits_s[self._done]:

@@ -2,7 +2,6 @@
 
 import math
 import threading
-import time
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from functools import partial
@@ -10,6 +9,7 @@ from functools import partial
 import numpy as np
 import structlog
 
+from rig import timebase
 from rig.config.model import RigConfig
 from rig.config.run import RestTrigger
 from rig.daemon.device_locks import DeviceLocks
@@ -94,10 +94,10 @@ class StationaryMonitor:
         while not stop.is_set():
             beat()
             if self._device_locks.wanted:
-                stop.wait(0.2)
+                timebase.wait(stop, 0.2)
                 continue
             self._detector.interrupted()
-            stop.wait(SETTLING_S)
+            timebase.wait(stop, SETTLING_S)
             try:
                 with (
                     self._device_locks.one("inclinometer"),
@@ -109,8 +109,8 @@ class StationaryMonitor:
             except DeviceError as error:
                 note_device(self._state, "inclinometer", str(error), "")
                 wait_s = next_wait_s(wait_s, self._run.retry_least_s, self._run.retry_most_s)
-                until_s = time.monotonic() + wait_s
-                while time.monotonic() < until_s and not stop.wait(0.5):
+                until_s = timebase.monotonic_s() + wait_s
+                while timebase.monotonic_s() < until_s and not timebase.wait(stop, 0.5):
                     beat()
 
     def _captures_done(self) -> int:
@@ -125,12 +125,12 @@ class StationaryMonitor:
             readings: list[AccelerationReading] = []
             for _ in range(SAMPLES_A_SECOND):
                 readings += retry(partial(chip.read_many, 0.0))
-                if stop.wait(1.0 / SAMPLES_A_SECOND) or self._device_locks.wanted:
+                if timebase.wait(stop, 1.0 / SAMPLES_A_SECOND) or self._device_locks.wanted:
                     return
             noise = noise_mg(readings)
             if noise > self._rest.still_mg:
                 self._state.set_moving()
-            if self._detector.take(noise, time.monotonic()):
+            if self._detector.take(noise, timebase.monotonic_s()):
                 done = self._captures_done()
                 if self._ask():
                     self._done_before = done

@@ -6,13 +6,12 @@ Pan is clockwise-positive seen from above, tilt up-positive; 0, 0 is where both 
 
 import logging
 import math
-import time
 from dataclasses import dataclass
 from functools import partial
 from types import TracebackType
 from typing import Self
 
-from rig import event_bus
+from rig import event_bus, timebase
 from rig.config.keep_out import lies_in_a_zone, route
 from rig.devices.bus.deadline import Deadline
 from rig.devices.bus.retry import retry
@@ -399,7 +398,7 @@ class PanTilt:
             self._require_healthy(state)
             self._require_on_path(state)
             last_try = deadline.expired
-            time.sleep(_POLL_S)
+            timebase.sleep(_POLL_S)
             state = self.state()
             changes = [abs(a - b) for a, b in zip(state.ticks, still.ticks, strict=True)]
             if state.moving or max(changes) > _STILL_TICKS:

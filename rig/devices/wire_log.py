@@ -12,13 +12,13 @@
 import json
 import logging
 import threading
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from localizer.os_errors import why_not_written
+from rig import timebase
 from rig.clock import utc_now
 from rig.config.model import RigConfig
 from rig.devices.bus import monitor
@@ -52,13 +52,13 @@ def recording_wire_log(path: Path, config: RigConfig) -> Iterator[None]:
         file = path.open("x", encoding="ascii", buffering=1)  # line-buffered, so that a crash loses nothing
     except OSError as error:
         raise WireLogError(f"{path}: {why_not_written(error, 'choose another name')}") from error
-    begun_s, lock = time.monotonic(), threading.Lock()
+    begun_s, lock = timebase.monotonic_s(), threading.Lock()
     ended = False
 
     def write(exchange: dict[str, Any]) -> None:
         nonlocal ended
         with lock:
-            at_s = round(time.monotonic() - begun_s, 6)
+            at_s = round(timebase.monotonic_s() - begun_s, 6)
             if ended or file.closed:
                 return
             try:

@@ -1,13 +1,13 @@
 """Console output of a series: results on standard output, everything else on standard error."""
 
 import json
-import time
 
 import click
 
 from localizer.bundle import load_bundle
 from localizer.errors import SkyfixError
 from localizer.os_errors import why_not_written
+from rig import timebase
 from rig.atomic import write_atomically
 from rig.bundle.preview import write_preview
 from rig.capture.averaged_readings import utc_text
@@ -21,7 +21,7 @@ class SeriesConsole:
     def __init__(self, series: Series, as_json: bool) -> None:
         self._series = series
         self._as_json = as_json
-        self._begun_s = time.monotonic()
+        self._begun_s = timebase.monotonic_s()
 
     def say(self, text: str) -> None:
         """Show a message during the series."""
@@ -53,7 +53,7 @@ class SeriesConsole:
 
     def ends(self) -> None:
         """Print the summary, and write it into the folder."""
-        found = {**summary(self._series), "lasted_s": round(time.monotonic() - self._begun_s, 1)}
+        found = {**summary(self._series), "lasted_s": round(timebase.monotonic_s() - self._begun_s, 1)}
         if self._as_json:
             click.echo(json.dumps({"summary": found}))
         else:

@@ -1,12 +1,12 @@
 """Takes the remaining captures of a series on schedule; a failed one does not end it."""
 
-import time
 from collections.abc import Callable, Iterator, Mapping
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
 from localizer.bundle import Bundle, BundleError, load_bundle
+from rig import timebase
 from rig.bundle.summary import bundles_in, extra_of, readings
 from rig.clock import wall_clock
 from rig.errors import RigError
@@ -22,29 +22,29 @@ def take_series(series: Series, take: Take, say: Callable[[str], None]) -> Itera
     Captures begin ``every_s`` apart, or at once if one takes longer. A resumed series keeps its schedule and repeats a
     capture that was interrupted. Raises ``SeriesError`` if the journal cannot be written.
     """
-    due_s = time.monotonic() + _remaining_wait_s(series)
+    due_s = timebase.monotonic_s() + _remaining_wait_s(series)
     for number in series.remaining():
         found = _bundle_of_interrupted_capture(series, number)
         if found is not None:
             say(f"bundle {number} of {series.plan.repeat} was there already: {found.id}")
             yield series.taken(number, None, found, readings(found))
-            due_s = time.monotonic() + _remaining_wait_s(series)
+            due_s = timebase.monotonic_s() + _remaining_wait_s(series)
             continue
-        wait_s = due_s - time.monotonic()
+        wait_s = due_s - timebase.monotonic_s()
         if wait_s > 1.0:
             at = wall_clock() + timedelta(seconds=wait_s)
             say(f"bundle {number} of {series.plan.repeat} at {at:%H:%M:%S}Z")
-        time.sleep(max(0.0, wait_s))
-        due_s = max(due_s, time.monotonic() - 1.0) + series.plan.every_s
+        timebase.sleep(max(0.0, wait_s))
+        due_s = max(due_s, timebase.monotonic_s() - 1.0) + series.plan.every_s
         series.begin(number)
-        begun_s = time.monotonic()
+        begun_s = timebase.monotonic_s()
         try:
             path = take(series.bundles, {"series": {"id": series.id, "number": number}})
             bundle = load_bundle(path)
         except (RigError, BundleError) as error:
-            yield series.failed(number, time.monotonic() - begun_s, str(error))
+            yield series.failed(number, timebase.monotonic_s() - begun_s, str(error))
         else:
-            yield series.taken(number, time.monotonic() - begun_s, bundle, readings(bundle))
+            yield series.taken(number, timebase.monotonic_s() - begun_s, bundle, readings(bundle))
     series.end()
 
 

@@ -5,7 +5,6 @@ Frames of reference, for Foxglove's 3D panel: ``world`` (east, north, up), ``veh
 
 import base64
 import math
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from rig import clock
+from rig import clock, timebase
 from rig.attitude.kinematics import Attitude, Head, JointAngles, body_rotation, camera_rotation, head_rotation
 from rig.capture.averaged_readings import AltitudeReading
 from rig.capture.base_attitude import BaseEstimate
@@ -47,7 +46,7 @@ class Message:
 
 def opening(config: RigConfig) -> list[Message]:
     """Messages at the start: the lens, and the camera's mounting in the head."""
-    now_s = time.monotonic()
+    now_s = timebase.monotonic_s()
     camera = config.camera
     scale = THUMBNAIL_WIDTH / camera.width_px  # of the pictures in the file
     fx, fy = camera.fx_px * scale, camera.fy_px * scale
@@ -115,11 +114,11 @@ def _pressure(reading: PressureReading) -> Iterator[Message]:
 
 def _altitude(reading: AltitudeReading) -> Iterator[Message]:
     fields = {"altitude_m": reading.altitude_m, "sigma_m": reading.sigma_m}
-    yield Message("/altitude", schemas.ALTITUDE, time.monotonic(), fields)
+    yield Message("/altitude", schemas.ALTITUDE, timebase.monotonic_s(), fields)
 
 
 def _base_estimate(base_estimate: BaseEstimate) -> Iterator[Message]:
-    now_s = time.monotonic()
+    now_s = timebase.monotonic_s()
     fields = {
         "heading_deg": base_estimate.attitude.azimuth_deg,
         "heading_sigma_deg": base_estimate.heading.sigma_deg,
@@ -158,12 +157,12 @@ def _step(step: Step) -> Iterator[Message]:
         "file": "",
         "line": 0,
     }
-    yield Message("/log", schemas.LOG, time.monotonic(), fields)
+    yield Message("/log", schemas.LOG, timebase.monotonic_s(), fields)
 
 
 def _bundle(path: Path) -> Iterator[Message]:
     fields = {"id": path.name, "directory": str(path)}
-    yield Message("/bundle", schemas.BUNDLE, time.monotonic(), fields)
+    yield Message("/bundle", schemas.BUNDLE, timebase.monotonic_s(), fields)
 
 
 _CONVERTERS: dict[type, Callable[[Any], Iterator[Message]]] = {

@@ -10,7 +10,6 @@ import os
 import queue
 import sys
 import threading
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,7 +18,7 @@ from typing import IO
 from mcap.writer import Writer
 
 from localizer.os_errors import why_not_written
-from rig import event_bus
+from rig import event_bus, timebase
 from rig.config.model import RigConfig
 from rig.devices.camera.frames import TimedFrame
 from rig.errors import RigError
@@ -120,13 +119,13 @@ class _Recorder:
 
         for message in self._opening:
             write(message)
-        synced_s = time.monotonic()
+        synced_s = timebase.monotonic_s()
         while not (self._end.is_set() and self._waiting.empty()):
             with contextlib.suppress(queue.Empty):
                 for message in messages_of(self._waiting.get(timeout=0.1)):
                     write(message)
-            if time.monotonic() - synced_s > SYNC_EVERY_S:
-                synced_s = time.monotonic()
+            if timebase.monotonic_s() - synced_s > SYNC_EVERY_S:
+                synced_s = timebase.monotonic_s()
                 self._sync()
         writer.finish()
         self._sync()

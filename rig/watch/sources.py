@@ -1,7 +1,6 @@
 """Reads each device for ``rig watch`` and the daemon. Reads only: the head's torque and position are not changed."""
 
 import math
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing, contextmanager
 from dataclasses import dataclass
@@ -10,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from rig import timebase
 from rig.attitude.altitude_plausibility import AltitudeBounds, altitude_bounds, require_plausible_altitude
 from rig.attitude.level import in_axes
 from rig.attitude.talker_headings import heading_notes
@@ -103,7 +103,7 @@ def _turned_by_hand(servo: Servo, position_tick: int) -> list[str]:
 
 
 def _read_head(bus: ServoBus, servos: Mapping[str, Servo], joints: Mapping[str, ServoSection]) -> Reading:
-    time.sleep(HEAD_PAUSE_S)
+    timebase.sleep(HEAD_PAUSE_S)
     states = retry(partial(read_states, bus, list(servos.values())))
     warnings: list[str] = []
     values: dict[str, Any] = {}
@@ -134,7 +134,7 @@ def _inclinometer(section: InclinometerSection) -> Iterator[Source]:
                 "noise_deg": round(max(level.tilt_noise_deg, level.roll_noise_deg), 5),
                 "temperature_c": _rounded(level.temperature_c),
             }
-            return Reading(values, time.monotonic())
+            return Reading(values, timebase.monotonic_s())
 
         yield Source(chip.identify(), read)
 
@@ -209,8 +209,8 @@ def _altimeter(section: AltimeterSection, bounds: Sequence[AltitudeBounds]) -> I
                     altitude.altitude_m, pressure.pressure_hpa, section, barometer.identify(), bounds
                 )
             except DeviceError as error:
-                return Reading(values, time.monotonic(), (f"{error.problem}; {error.remedy}",))
-            return Reading(values, time.monotonic())
+                return Reading(values, timebase.monotonic_s(), (f"{error.problem}; {error.remedy}",))
+            return Reading(values, timebase.monotonic_s())
 
         yield Source(barometer.identify(), read)
 
@@ -224,7 +224,7 @@ def _camera(section: CameraSection) -> Iterator[Source]:
 
 def _read_camera(camera: Camera) -> Reading:
     """Frame rate over a second, and checks of the first and the last frame."""
-    first = last = camera.frame_after(time.monotonic())
+    first = last = camera.frame_after(timebase.monotonic_s())
     count = 1
     while last.arrived.monotonic_s - first.arrived.monotonic_s < CAMERA_S:
         (last,) = camera.frames_after(math.nextafter(last.arrived.monotonic_s, math.inf), 1)

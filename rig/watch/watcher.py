@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from types import TracebackType
 from typing import Literal, Self
 
+from rig import timebase
 from rig.errors import RigError
 from rig.watch.sources import Opener, Reading
 
@@ -35,7 +36,7 @@ class DeviceStatus:
     @property
     def age_s(self) -> float | None:
         """Age of the reading."""
-        return None if self.reading is None else time.monotonic() - self.reading.monotonic_s
+        return None if self.reading is None else timebase.monotonic_s() - self.reading.monotonic_s
 
     def with_staleness(self) -> "DeviceStatus":
         """The status, with a stale reading turned into a problem."""
@@ -77,9 +78,9 @@ class Watcher:
 
     def wait_first_readings(self, timeout_s: float) -> None:
         """Wait until each device has been read or has failed."""
-        deadline_s = time.monotonic() + timeout_s
-        while time.monotonic() < deadline_s and any(s.state == "connecting" for s in self.statuses()):
-            time.sleep(0.02)
+        deadline_s = timebase.monotonic_s() + timeout_s
+        while timebase.monotonic_s() < deadline_s and any(s.state == "connecting" for s in self.statuses()):
+            timebase.sleep(0.02)
 
     def _watch(self, name: str, opener: Opener) -> None:
         wait_s = RETRY_FIRST_S
@@ -91,7 +92,7 @@ class Watcher:
                         wait_s = RETRY_FIRST_S
             except RigError as error:
                 self._failed(name, str(error))
-                self._stop.wait(wait_s)
+                timebase.wait(self._stop, wait_s)
                 wait_s = min(2.0 * wait_s, RETRY_MOST_S)
 
     def _read(self, name: str, identity: str, reading: Reading) -> None:

@@ -184,12 +184,12 @@ def _nothing() -> None:
 
 @contextmanager
 def injecting_faults(
-    stage: FaultTargets, faults: Sequence[Fault], say: Callable[[str], None]
+    stage: FaultTargets, faults: Sequence[Fault], say: Callable[[str], None], speed: float = 1.0
 ) -> Iterator[None]:
     """Apply ``faults`` on schedule while the context lasts; ``say`` is called for each.
 
     Faults at 0 s are active before the context is entered. Other times count from the rig's first instruction to the
-    head.
+    head, by a clock that runs ``speed`` times as fast as the computer's.
 
     Raises:
         SimulationError: a device does not have a fault of the script.
@@ -212,7 +212,7 @@ def injecting_faults(
                 return
         start_s = time.monotonic()
         for at_s, what, step in timed:
-            if stop.wait(max(0.0, start_s + at_s - time.monotonic())):
+            if stop.wait(max(0.0, start_s + at_s / speed - time.monotonic())):
                 return
             step()
             say(f"{at_s:.2f} s: {what}")

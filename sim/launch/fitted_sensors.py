@@ -90,11 +90,11 @@ def inclinometer(world: World, head: HeadNow, clock: Clock) -> FittedChip:
     )
 
 
-def compass(world: World, head: HeadNow, clock: Clock) -> FittedChip | FittedTalker:
+def compass(world: World, head: HeadNow, clock: Clock, speed: float = 1.0) -> FittedChip | FittedTalker:
     """The magnetometer on the pan stage, or a talker there."""
     wanted, rng = world.scenario.compass, world.rng("compass noise")
     if wanted.kind != "mmc5983ma":
-        return _compass_talker(world, head, rng)
+        return _compass_talker(world, head, rng, speed)
     mounting = MOUNTING[wanted.kind]
     to_chip = chip_axes(mounting)
 
@@ -120,7 +120,7 @@ def compass(world: World, head: HeadNow, clock: Clock) -> FittedChip | FittedTal
     return FittedChip(chip, BUS_IN_THE_BASE, keys)
 
 
-def _compass_talker(world: World, head: HeadNow, rng: np.random.Generator) -> FittedTalker:
+def _compass_talker(world: World, head: HeadNow, rng: np.random.Generator, speed: float) -> FittedTalker:
     wanted = world.scenario.compass
     say = COMPASS_QUIRKS[wanted.quirk] if wanted.quirk else COMPASSES[wanted.kind]
 
@@ -138,12 +138,12 @@ def _compass_talker(world: World, head: HeadNow, rng: np.random.Generator) -> Fi
             )
         )
 
-    talker = Talker(message, rate_hz=COMPASS_RATE_HZ, baud=TALKER_BAUD)
+    talker = Talker(message, rate_hz=speed * COMPASS_RATE_HZ, baud=TALKER_BAUD)
     return FittedTalker(talker, {"kind": "nmea", "baud": TALKER_BAUD})
 
 
 def altimeter(
-    world: World, clock: Clock, compass: FittedChip | FittedTalker | None = None
+    world: World, clock: Clock, compass: FittedChip | FittedTalker | None = None, speed: float = 1.0
 ) -> FittedChip | FittedTalker:
     """The barometer: a chip, or a talker, on the ``compass``'s port if the scenario has one stream for both."""
     wanted, rng = world.scenario.altimeter, world.rng("altimeter noise")
@@ -161,7 +161,7 @@ def altimeter(
         say = BAROMETER_QUIRKS[wanted.quirk] if wanted.quirk else BAROMETERS[wanted.kind]
         talker = Talker(
             lambda: say(Air(pressure_hpa() + rng.normal(0.0, wanted.noise_hpa), world.air_temperature_c)),
-            rate_hz=BAROMETER_RATE_HZ,
+            rate_hz=speed * BAROMETER_RATE_HZ,
             baud=TALKER_BAUD,
             port=compass.talker.port
             if wanted.on_compass_port and isinstance(compass, FittedTalker)

@@ -190,6 +190,7 @@ def simulated_rig(
     faults: Sequence[Fault] = (),
     say: Callable[[str], None] = lambda what: None,
     dem_paths: Sequence[Path] = (),
+    speed: float = 1.0,
 ) -> Iterator[SimulatedRig]:
     """Run fakes of all devices of a rig while the ``with`` block lasts: servos, chips, talkers and a camera.
 
@@ -211,6 +212,9 @@ def simulated_rig(
         Hears what the fault script does.
     dem_paths : sequence of pathlib.Path
         With these the configuration has a ``[run]`` for the daemon, which searches them and keeps its spool beside the bundles.
+    speed : float
+        How many times as fast as the computer's clock the devices and the fault script run. For tests whose own clock runs as
+        fast; delays that a fault makes on a wire stay as they are.
 
     Yields
     ------
@@ -239,7 +243,7 @@ def simulated_rig(
     start_s = time.monotonic()
 
     def clock() -> float:
-        return time.monotonic() - start_s
+        return speed * (time.monotonic() - start_s)
 
     pan, tilt = (_servo(world, joint, clock) for joint in (PAN, TILT))
 
@@ -265,8 +269,8 @@ def simulated_rig(
         servo_bus.serve(servo_port)
 
         inclinometer = fitted_sensors.inclinometer(world, head, clock)
-        compass = fitted_sensors.compass(world, head, clock)
-        others = {"compass": compass, "altimeter": fitted_sensors.altimeter(world, clock, compass)}
+        compass = fitted_sensors.compass(world, head, clock, speed)
+        others = {"compass": compass, "altimeter": fitted_sensors.altimeter(world, clock, compass, speed)}
         talkers = {name: fitted.talker for name, fitted in others.items() if isinstance(fitted, FittedTalker)}
         for name, talker in talkers.items():
             running.callback(talker.close)
@@ -281,7 +285,7 @@ def simulated_rig(
         i2c = I2cBridge({number: [chip for bus, chip in chips.values() if bus == number] for number in buses})
         running.callback(i2c.close)
 
-        camera = _camera(world, head, scene_camera.picture)
+        camera = _camera(world, head, scene_camera.picture, speed)
         running.callback(camera.close)
 
         def keys(fitted: FittedChip | FittedTalker) -> dict[str, Any]:
@@ -327,7 +331,7 @@ def simulated_rig(
         )
         config_path.write_text(config, encoding="utf-8")
         truth_path.write_text(json.dumps(world.truth_json(), indent=2), encoding="utf-8")
-        running.enter_context(injecting_faults(stage, faults, say))
+        running.enter_context(injecting_faults(stage, faults, say, speed))
         rig = SimulatedRig(
             config_path,
             truth_path,
@@ -387,7 +391,7 @@ def _servo(world: World, joint: Joint, clock: Callable[[], float]) -> Servo:
     return servo
 
 
-def _camera(world: World, head: Callable[[], JointState], picture: Picture) -> CameraStream:
+def _camera(world: World, head: Callable[[], JointState], picture: Picture, speed: float) -> CameraStream:
     noise, optics = world.rng("camera"), world.scenario.camera
     one_at_a_time = threading.Lock()  # one sensor for all clients
 
@@ -397,4 +401,4 @@ def _camera(world: World, head: Callable[[], JointState], picture: Picture) -> C
             return picture(world.camera_rotation(state.pan_deg, state.tilt_deg), noise)
 
     frame()  # the first frame compiles its kernels, which would exceed a client's timeout
-    return CameraStream(frame, rate_hz=optics.frame_rate_hz, jpeg_quality=optics.jpeg_quality)
+    return CameraStream(frame, rate_hz=speed * optics.frame_rate_hz, jpeg_quality=optics.jpeg_quality)

@@ -88,10 +88,10 @@ JSON_READERS: dict[str, Callable[[Path], object]] = {
 def test_every_reader_of_toml_refuses_it_in_one_line(tmp_path: Path, reader: str, attack: str) -> None:
     file = tmp_path / "x.toml"
     file.write_bytes(TOML_ATTACKS[attack])
-    begun = time.monotonic()
+    begun = time.thread_time()
     with pytest.raises((SkyfixError, SimulationError)) as refusal:
         TOML_READERS[reader](file)
-    assert time.monotonic() - begun < 1.0
+    assert time.thread_time() - begun < 1.0
     assert str(file) in str(refusal.value)
     assert len(str(refusal.value)) < 600
     assert control_socket_of_invalid_config(file) is None
@@ -102,10 +102,10 @@ def test_every_reader_of_toml_refuses_it_in_one_line(tmp_path: Path, reader: str
 def test_every_reader_of_json_refuses_it_in_one_line(tmp_path: Path, reader: str, attack: str) -> None:
     file = tmp_path / "x.json"
     file.write_bytes(JSON_ATTACKS[attack])
-    begun = time.monotonic()
+    begun = time.thread_time()
     with pytest.raises((SkyfixError, SimulationError)) as refusal:
         JSON_READERS[reader](file)
-    assert time.monotonic() - begun < 1.0
+    assert time.thread_time() - begun < 1.0
     assert str(tmp_path) in str(refusal.value)
     assert len(str(refusal.value)) < 600
 

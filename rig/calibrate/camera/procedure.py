@@ -2,7 +2,6 @@
 
 import glob
 import struct
-import time
 import warnings
 from collections.abc import Sequence
 
@@ -12,6 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 
+from rig import timebase
 from rig.calibrate.camera.fit import MIN_COVERAGE, NAMES, CameraFit, coverage, coverage_grid, fit_camera
 from rig.calibrate.camera.target import CalibrationTarget, TargetView
 from rig.calibrate.figures import new_figure
@@ -117,13 +117,13 @@ def views_from_camera(
     """
     views: list[TargetView] = []
     before: TargetView | None = None
-    newest_s = time.monotonic()
-    while time.monotonic() - newest_s < IDLE_TIMEOUT_S:
-        frame = camera.frame_after(time.monotonic())
+    newest_s = timebase.monotonic_s()
+    while timebase.monotonic_s() - newest_s < IDLE_TIMEOUT_S:
+        frame = camera.frame_after(timebase.monotonic_s())
         view = target.find(f"view {len(views) + 1}", frame.image_bgr)
         if view and before and is_still(view, before) and is_new(view, views, size_px[0]):
             views.append(view)
-            newest_s = time.monotonic()
+            newest_s = timebase.monotonic_s()
             guide.say(progress(views, size_px, wanted))
             if len(views) >= wanted and coverage(views, size_px) >= MIN_COVERAGE:
                 break

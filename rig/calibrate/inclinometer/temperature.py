@@ -3,7 +3,6 @@
 import csv
 import io
 import math
-import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from localizer.documents import DocumentError, read_file
 from localizer.os_errors import why_not_written
+from rig import timebase
 from rig.attitude.accelerometer import Triple
 from rig.capture.averaged_readings import read_level, utc_text
 from rig.clock import Instant
@@ -43,19 +43,19 @@ def record_temperature_log(
     inclinometer: Inclinometer, section: InclinometerSection, path: Path, duration_s: float
 ) -> int:
     """Append the head's mean reading every ten seconds to a CSV file; returns how many. The head must not move."""
-    end_s = time.monotonic() + duration_s
+    end_s = timebase.monotonic_s() + duration_s
     count = 0
     try:
         with path.open("a", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
             if file.tell() == 0:
                 writer.writerow(COLUMNS)
-            while count == 0 or time.monotonic() < end_s:
+            while count == 0 or timebase.monotonic_s() < end_s:
                 level, _, _ = read_level(inclinometer, section, section.average_s)
                 writer.writerow([utc_text(Instant.now().utc), level.temperature_c, *level.mean_g])
                 file.flush()
                 count += 1
-                time.sleep(min(PERIOD_S, max(0.0, end_s - time.monotonic())))
+                timebase.sleep(min(PERIOD_S, max(0.0, end_s - timebase.monotonic_s())))
     except OSError as error:
         raise CalibrationError(f"{path}: {why_not_written(error, 'choose another with --out')}") from error
     return count

@@ -1,11 +1,11 @@
 """Takes the pictures of one view, again if they are black, frozen, stale, blurred or overexposed."""
 
-import time
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rig import timebase
 from rig.attitude.kinematics import JointAngles
 from rig.capture.pictures.bracketing import Pictures, bracketed, pictures_of
 from rig.capture.pictures.quality import Seen, blur, defect, thumbnail
@@ -38,7 +38,7 @@ def take_pictures(
     def take() -> Pictures:
         nonlocal begins_s
         moment_s, begins_s = begins_s, 0.0
-        frames = camera.frames_after(max(moment_s, time.monotonic()), count)
+        frames = camera.frames_after(max(moment_s, timebase.monotonic_s()), count)
         problem = defect([frame.image_bgr for frame in frames], joints.pan_deg, joints.tilt_deg, seen)
         if problem:
             raise _bad(camera, problem)

@@ -2,7 +2,6 @@
 
 import math
 import threading
-import time
 from collections.abc import Callable
 
 import numpy as np
@@ -10,6 +9,7 @@ import structlog
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from localizer.track.odometry import Movement, parse_leg
+from rig import timebase
 from rig.config.run import OdometryInput
 from rig.daemon.boot import boot_id
 from rig.daemon.odometry.velocity import StaleClock, Velocity, velocity_in
@@ -265,7 +265,7 @@ class OdometryListener:
                 continue
             for line in datagram.splitlines():
                 if line.strip():
-                    self._take(line.strip(), time.monotonic())
+                    self._take(line.strip(), timebase.monotonic_s())
 
     def _take(self, line: bytes, at_s: float) -> None:
         try:

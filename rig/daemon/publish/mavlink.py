@@ -2,12 +2,12 @@
 
 import logging
 import threading
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from types import ModuleType
 from typing import Any
 
+from rig import timebase
 from rig.clock import Instant
 from rig.config.run import MavlinkOutput
 from rig.daemon.heartbeat import Heartbeats
@@ -86,7 +86,7 @@ class _Publisher:
                     )
                     if heartbeats is not None:
                         heartbeats.beat(NAME, within_s=wait_s + LOOP_LONGEST_S)
-                    stop.wait(wait_s)
+                    timebase.wait(stop, wait_s)
                     wait_s = min(2.0 * wait_s, MAX_RETRY_S)
 
     def _run_link(self, link: Link, stop: threading.Event) -> Iterator[bool]:
@@ -96,7 +96,7 @@ class _Publisher:
             session.step()
             self._send_new(session)
             yield session.autopilot_present
-            stop.wait(POLL_EVERY_S)
+            timebase.wait(stop, POLL_EVERY_S)
 
     def _send_new(self, session: "_LinkSession") -> None:
         now, snapshot = Instant.now(), self._state.snapshot()
@@ -134,7 +134,7 @@ class _LinkSession:
         self._state = daemon_state
         self._mav = common.MAVLink(link, srcSystem=section.system_id, srcComponent=section.component_id)
         self._mav.robust_parsing = True  # noise comes as BAD_DATA
-        self._opened_s = time.monotonic()
+        self._opened_s = timebase.monotonic_s()
         self._heard_s: float | None = None
         self._due_s = self._opened_s
         self._awaited_s: float | None = None
@@ -144,7 +144,7 @@ class _LinkSession:
     @property
     def autopilot_present(self) -> bool:
         """Whether an autopilot's heartbeat is received."""
-        return self._heard_s is not None and time.monotonic() - self._heard_s < HEARTBEAT_TIMEOUT_S
+        return self._heard_s is not None and timebase.monotonic_s() - self._heard_s < HEARTBEAT_TIMEOUT_S
 
     def step(self) -> None:
         """Receive messages, and send a heartbeat once a second."""
@@ -153,7 +153,7 @@ class _LinkSession:
                 break
             for message in self._mav.parse_buffer(data) or ():
                 self._take(message)
-        now_s = time.monotonic()
+        now_s = timebase.monotonic_s()
         if now_s < self._due_s:
             return
         self._due_s = max(self._due_s + HEARTBEAT_EVERY_S, now_s)
@@ -199,7 +199,7 @@ class _LinkSession:
             return
         match message.get_type():
             case "HEARTBEAT" if message.autopilot != self._common.MAV_AUTOPILOT_INVALID:
-                self._heard_s = time.monotonic()
+                self._heard_s = timebase.monotonic_s()
             case "COMMAND_ACK" if message.command == self._common.MAV_CMD_EXTERNAL_POSITION_ESTIMATE:
                 self._acknowledged(message.result)
 
@@ -218,7 +218,7 @@ class _LinkSession:
         where = self._section.connection
         if self.autopilot_present:
             self._state.set_device(NAME, "ok", f"{where}: autopilot heard")
-        elif self._heard_s is not None or time.monotonic() - self._opened_s > HEARTBEAT_TIMEOUT_S:
+        elif self._heard_s is not None or timebase.monotonic_s() - self._opened_s > HEARTBEAT_TIMEOUT_S:
             self._state.set_device(
                 NAME, "failing", f"{where}: no heartbeat of system {self._section.system_id}"
             )

@@ -2,11 +2,11 @@
 
 import logging
 import threading
-import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass
 
+from rig import timebase
 from rig.clock import Instant
 from rig.clock import problem as clock_problem
 from rig.config.run import NmeaOutput
@@ -69,7 +69,7 @@ def _resolve_names(targets: Sequence[UdpTarget], stop: threading.Event) -> None:
     wait_s = MIN_RETRY_S
     left = list(targets)
     while left := [target for target in left if not target.find()]:
-        if stop.wait(wait_s):
+        if timebase.wait(stop, wait_s):
             return
         wait_s = min(2.0 * wait_s, MAX_RETRY_S)
 
@@ -92,11 +92,11 @@ class _Publisher:
     def run(self, stop: threading.Event, heartbeats: Heartbeats | None) -> None:
         """Send an epoch whenever one is due, by the monotonic clock, until ``stop``."""
         with nullcontext() if heartbeats is None else heartbeats.watched(LOOP, LOOP_LONGEST_S):
-            due_s = time.monotonic()
+            due_s = timebase.monotonic_s()
             while not stop.is_set():
                 if heartbeats is not None:
                     heartbeats.beat(LOOP)
-                now_s = time.monotonic()
+                now_s = timebase.monotonic_s()
                 if now_s >= due_s:
                     self._send()
                     due_s = max(due_s + self._section.every_s, now_s)  # missed epochs are skipped
@@ -104,7 +104,7 @@ class _Publisher:
 
     def _wait(self, timeout_s: float, stop: threading.Event) -> None:
         if self._server is None:
-            stop.wait(max(timeout_s, 0.0))
+            timebase.wait(stop, max(timeout_s, 0.0))
         else:
             self._server.serve(max(timeout_s, 0.0))
 

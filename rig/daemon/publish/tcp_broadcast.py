@@ -6,6 +6,7 @@ import selectors
 import socket
 from contextlib import suppress
 
+from rig import timebase
 from rig.config.run import host_and_port
 from rig.daemon.sockets import why_not_listening
 from rig.errors import ConfigError
@@ -62,7 +63,7 @@ class TcpBroadcast:
 
     def serve(self, timeout_s: float) -> None:
         """Accept clients, send queues and detect closed connections, until ``timeout_s`` or the first event."""
-        for key, events in self._selector.select(timeout_s):
+        for key, events in self._selector.select(timebase.computer_s(timeout_s)):
             if key.fileobj is self._listener:
                 self._accept()
                 continue

@@ -7,6 +7,7 @@ from concurrent.futures import Future
 import structlog
 
 from localizer.track.tracker import Tracker, TrackerError
+from rig import timebase
 from rig.daemon.search.answers import answer_of, described
 from rig.daemon.search.process import SearchFailedError, SearchProcess
 from rig.daemon.spool.store import Entry, Spool, SpoolError
@@ -85,14 +86,14 @@ class LocateLoop:
                 _log.error("search cannot go on", problem=str(error), again_in_s=PAUSE_S)
                 self.close()
                 for _ in range(round(PAUSE_S / IDLE_S)):
-                    if not stop.wait(IDLE_S):
+                    if not timebase.wait(stop, IDLE_S):
                         beat()
 
     def _step(self, beat: Callable[[], None]) -> None:
         worker = self._ready_worker(beat)
         entry = self._spool.next_waiting()
         if entry is None:
-            self._news.wait(IDLE_S)
+            timebase.wait(self._news, IDLE_S)
             self._news.clear()
             return
         self._state.set_locating(entry.bundle)

@@ -1,8 +1,9 @@
 """Deadlines on the monotonic clock, as the wall clock may step at any time."""
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
+
+from rig import timebase
 
 
 @dataclass(frozen=True)
@@ -31,17 +32,17 @@ class Deadline:
         Deadline
             That moment.
         """
-        return cls(time.monotonic() + seconds)
+        return cls(timebase.monotonic_s() + seconds)
 
     @property
     def remaining_s(self) -> float:
         """Seconds left, never negative."""
-        return max(0.0, self.at_s - time.monotonic())
+        return max(0.0, self.at_s - timebase.monotonic_s())
 
     @property
     def expired(self) -> bool:
         """Whether the moment has passed."""
-        return time.monotonic() >= self.at_s
+        return timebase.monotonic_s() >= self.at_s
 
 
 def wait_until(condition: Callable[[], bool], deadline: Deadline, poll_s: float) -> bool:
@@ -56,4 +57,4 @@ def wait_until(condition: Callable[[], bool], deadline: Deadline, poll_s: float)
             return True
         if last_try:
             return False
-        time.sleep(min(poll_s, deadline.remaining_s))
+        timebase.sleep(min(poll_s, deadline.remaining_s))

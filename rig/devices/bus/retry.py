@@ -4,10 +4,10 @@ It is applied above the drivers. A driver that retries hides bad cables and mult
 noted (``rig.fault_notes``).
 """
 
-import time
 from collections.abc import Callable
 from typing import TypeVar
 
+from rig import timebase
 from rig.devices.bus.deadline import Deadline
 from rig.errors import LostPortError, TransientError
 from rig.fault_notes import note_fault
@@ -50,12 +50,12 @@ def retry(
             if port_is_back.expired:
                 raise
             note_fault(error.device, error.problem, "waited for it to come back")
-            time.sleep(REPLUG_POLL_S)
+            timebase.sleep(REPLUG_POLL_S)
             deadline = Deadline.after(within_s)
         except TransientError as error:
             tries -= 1
             if tries == 0 or deadline.remaining_s <= pause_s:
                 raise
             note_fault(error.device, error.problem, "tried again")
-            time.sleep(pause_s)
+            timebase.sleep(pause_s)
             pause_s *= 2

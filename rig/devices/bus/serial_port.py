@@ -15,7 +15,7 @@ from pathlib import Path
 
 import serial
 
-from rig import sysfs
+from rig import sysfs, timebase
 from rig.devices.bus import monitor
 from rig.devices.bus.deadline import Deadline
 from rig.devices.closing import ClosedOnExit
@@ -124,7 +124,7 @@ class SerialPort(ClosedOnExit):
             The port has gone away and is not back.
         """
         with self._working() as port:
-            readable, _, _ = select.select([port.fileno()], [], [], deadline.remaining_s)
+            readable, _, _ = select.select([port.fileno()], [], [], timebase.computer_s(deadline.remaining_s))
             data: bytes = port.read(_READ_BYTES) if readable else b""
         if data:
             monitor.serial_bytes(self.path, "received", data)

@@ -25,7 +25,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from rig import event_bus
+from rig import event_bus, timebase
 from rig.clock import Instant
 from rig.config.camera_url import shown, without_secrets
 from rig.config.sections import CameraSection
@@ -167,7 +167,7 @@ class Camera:
 
     def exposure_settled_at_s(self) -> float:
         """Monotonic time from which pictures show an exposure set now."""
-        return time.monotonic() + self._section.exposure_settle_s
+        return timebase.monotonic_s() + self._section.exposure_settle_s
 
     def frames_after(self, monotonic_s: float, count: int) -> list[TimedFrame]:
         """Frames that arrive no earlier than a moment.
@@ -195,7 +195,7 @@ class Camera:
         problem = f"has sent no frame for {self._section.read_timeout_s:g} s that is new enough"
         while len(frames) < count:
             last_s = frames[-1].arrived.monotonic_s if frames else -math.inf
-            wait_s = max(0.0, monotonic_s - time.monotonic()) + self._section.read_timeout_s
+            wait_s = max(0.0, monotonic_s - timebase.monotonic_s()) + self._section.read_timeout_s
             frames.append(self._wait(partial(is_newer, monotonic_s, last_s), wait_s, problem))
         return frames
 
@@ -250,7 +250,7 @@ class Camera:
             return self._has_given_up() or (self._newest is not None and wanted(self._newest))
 
         with self._changed:
-            in_time = self._changed.wait_for(ready, wait_s)
+            in_time = timebase.wait_for(self._changed, ready, wait_s)
             if self._failure is not None and (self._has_given_up() or not in_time):
                 raise self._failure
             if not in_time or self._newest is None:
@@ -288,7 +288,7 @@ class Camera:
                 if over:
                     return
                 note_fault(failure.device, failure.problem, "opened again")
-                self._stop.wait(REOPEN_PAUSE_S)
+                timebase.wait(self._stop, REOPEN_PAUSE_S)
 
     def _stream(self) -> None:
         """Publish frames until stopped. Raises ``DeviceError`` if the stream ends.
@@ -312,7 +312,7 @@ class Camera:
             while not self._stop.is_set():
                 if exposure is not None:
                     exposure.set(self._wanted_ev)
-                begun_s = time.monotonic()
+                begun_s, begun_grab_s = timebase.monotonic_s(), time.perf_counter()
                 try:
                     grabbed = capture.grab()
                 except UnusableUrlError as error:
@@ -323,7 +323,7 @@ class Camera:
                         "check its power and cable or network",
                     )
                 arrived = Instant.now()
-                if arrived.monotonic_s - begun_s > BLOCKED_GRAB_S:
+                if time.perf_counter() - begun_grab_s > BLOCKED_GRAB_S:
                     not_before_s = begun_s
                 ok, image = capture.retrieve()
                 if not ok:

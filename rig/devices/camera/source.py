@@ -4,7 +4,6 @@ import errno
 import os
 import socket
 import stat
-import time
 import urllib.parse
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from rig import timebase
 from rig.devices.camera.http import UnusableUrlError, credentials, get, missing_credentials, why_not_connected
 
 KEY = "[camera] source"
@@ -37,8 +37,8 @@ class Snapshots:
 
     def grab(self) -> bool:
         """Request a picture and wait for it: it was taken after the request."""
-        time.sleep(max(0.0, self._asked_s + MIN_BETWEEN_S - time.monotonic()))
-        self._asked_s = time.monotonic()
+        timebase.sleep(max(0.0, self._asked_s + MIN_BETWEEN_S - timebase.monotonic_s()))
+        self._asked_s = timebase.monotonic_s()
         with get(self._url, self._timeout_s, KEY) as answer:
             try:
                 self._picture = answer.read(MAX_PICTURE_BYTES)

@@ -1,8 +1,8 @@
 """Several servos of one bus: their states in one read, and the check that each is there and of the configured model."""
 
-import time
 from collections.abc import Mapping, Sequence
 
+from rig import timebase
 from rig.devices.dynamixel import control_table as table
 from rig.devices.dynamixel.servo import STATE_ADDRESS, STATE_LENGTH, Servo, ServoState
 from rig.devices.dynamixel.servo_bus import ServoBus
@@ -15,7 +15,7 @@ def read_states(bus: ServoBus, servos: Sequence[Servo]) -> list[ServoState]:
     Raises ``TransientError`` naming every servo that did not answer.
     """
     statuses = bus.sync_read([servo.servo_id for servo in servos], STATE_ADDRESS, STATE_LENGTH)
-    now_s = time.monotonic()
+    now_s = timebase.monotonic_s()
     silent = [servo.name for servo in servos if servo.servo_id not in statuses]
     if silent:
         raise TransientError(" and ".join(silent), "no valid answer", "check power and the servo cable")

@@ -4,9 +4,9 @@ At 62.5 Hz the low-pass corner is at 15.6 Hz; a mean over one second has a noise
 """
 
 import math
-import time
 from functools import partial
 
+from rig import timebase
 from rig.clock import Instant
 from rig.devices.bus.deadline import Deadline, wait_until
 from rig.devices.bus.i2c import I2cBus
@@ -112,7 +112,7 @@ class Adxl355(ClosedOnExit):
         self._chip.write_register(_FILTER, _FILTER_62_5_HZ)
         self._chip.write_register(_RANGE, _RANGE_2_G)
         self._chip.write_register(_POWER_CTL, _MEASURE)
-        time.sleep(_SETTLING_SAMPLES * _SAMPLE_S)
+        timebase.sleep(_SETTLING_SAMPLES * _SAMPLE_S)
         self._require_its_scale(self._chip.read_register(_TEMP2, 11))
 
     def _require_its_scale(self, sample: bytes) -> None:
@@ -130,7 +130,7 @@ class Adxl355(ClosedOnExit):
         before = self._chip.read_register(_SHADOW, 5)
         for _ in range(_RESET_TRIES):
             self._chip.write_register(_RESET, _RESET_CODE)
-            time.sleep(_RESET_S)
+            timebase.sleep(_RESET_S)
             idle = wait_until(
                 lambda: not self._status() & _NVM_BUSY, Deadline.after(_READY_TIMEOUT_S), _RESET_S
             )

@@ -1,10 +1,10 @@
 """BMP390 and BMP388, barometers (Bosch, BST-BMP390-DS002-07 section 8 for the compensation)."""
 
 import struct
-import time
 from dataclasses import dataclass
 from typing import Literal
 
+from rig import timebase
 from rig.clock import Instant
 from rig.devices.bus.deadline import Deadline, wait_until
 from rig.devices.bus.i2c import I2cBus
@@ -128,7 +128,7 @@ class Bmp3(ClosedOnExit):
         self._chip.require_identity(_CHIP_ID, _IDENTITIES[model], hint)
         self._await(_COMMAND_READY, "the start")
         self._chip.write_register(_CMD, _SOFT_RESET)
-        time.sleep(_RESET_S)
+        timebase.sleep(_RESET_S)
         self._await(_COMMAND_READY, "the reset")
         trim = self._chip.read_register(_TRIM, 21)
         if len(set(trim)) == 1:
@@ -160,7 +160,7 @@ class Bmp3(ClosedOnExit):
         if self._chip.read_register(_EVENT)[0] & _POWER_ON:
             raise self._chip.implausible("it has restarted and lost its configuration")
         self._chip.write_register(_PWR_CTRL, _FORCED)
-        time.sleep(_CONVERSION_S)
+        timebase.sleep(_CONVERSION_S)
         self._await(_BOTH_READY, "a conversion")
         data = self._chip.read_register(_DATA, 6)
         at = Instant.now()

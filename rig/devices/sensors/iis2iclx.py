@@ -6,9 +6,9 @@ range is ±1 g, for any tilt, where one count is 0.0018°; noise of two counts p
 
 import logging
 import math
-import time
 from functools import partial
 
+from rig import timebase
 from rig.clock import Instant
 from rig.devices.bus.deadline import Deadline, wait_until
 from rig.devices.bus.i2c import I2cBus
@@ -110,7 +110,7 @@ class Iis2iclx(ClosedOnExit):
         self._chip.write_register(_CTRL3_C, _BLOCK_DATA_UPDATE | _AUTO_INCREMENT)
         self._chip.write_register(_CTRL8_XL, _LOW_PASS_2_ODR_4)
         self._chip.write_register(_CTRL1_XL, _ODR_52_HZ | _RANGE_CODES[_RANGE_G] << 2 | _LOW_PASS_2)
-        time.sleep(_SETTLING_SAMPLES * _SAMPLE_S)
+        timebase.sleep(_SETTLING_SAMPLES * _SAMPLE_S)
         self._require_two_axes(self._chip.read_register(_OUT_X, 4))
 
     def _leave_other_banks(self) -> None:

@@ -4,8 +4,7 @@ Its zero offset is up to ±0.5 G, as large as the Earth's field. A SET pulse mag
 RESET pulse in the other: half the difference of the two measurements is the field, half the sum the offset.
 """
 
-import time
-
+from rig import timebase
 from rig.clock import Instant
 from rig.devices.bus.deadline import Deadline, wait_until
 from rig.devices.bus.i2c import I2cBus
@@ -101,7 +100,7 @@ class Mmc5983ma(ClosedOnExit):
         self._chip = I2cChip(bus, address, "MMC5983MA")
         self._chip.require_identity(_PRODUCT_ID, _IDENTITY)
         self._chip.write_register(_CONTROL_1, _SOFTWARE_RESET)
-        time.sleep(_RESTART_S)
+        timebase.sleep(_RESTART_S)
         if not wait_until(lambda: self._has(_OTP_READ), Deadline.after(_TIMEOUT_S), _POLL_S):
             raise self._chip.broken("could not load its factory trim")
         self._chip.write_register(_CONTROL_1, _BANDWIDTH_100_HZ)
@@ -160,7 +159,7 @@ class Mmc5983ma(ClosedOnExit):
 
     def _measure_after(self, pulse: int) -> Counts:
         self._chip.write_register(_CONTROL_0, pulse)
-        time.sleep(_PULSE_S)
+        timebase.sleep(_PULSE_S)
         self._convert(_MEASURE_FIELD, _FIELD_DONE)
         counts = decode_field(self._chip.read_register(_XOUT_0, 7))
         if not all(-_ZERO_COUNTS < c < _FULL_COUNTS - _ZERO_COUNTS for c in counts):

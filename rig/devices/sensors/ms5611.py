@@ -5,10 +5,10 @@ pressure, wrong by a factor of two, shows that the other one is fitted (``rig.at
 """
 
 import struct
-import time
 from dataclasses import dataclass
 from typing import Literal
 
+from rig import timebase
 from rig.clock import Instant
 from rig.devices.bus.i2c import I2cBus
 from rig.devices.bus.i2c_chip import I2cChip
@@ -134,7 +134,7 @@ class Ms5611(ClosedOnExit):
         self._model: Literal["ms5611", "ms5607"] = model
         self._require_no_bmp3()
         self._chip.transfer(bytes([_RESET]))
-        time.sleep(_RESET_S)
+        timebase.sleep(_RESET_S)
         prom = b"".join(self._chip.read_register(_READ_PROM + 2 * word, 2) for word in range(8))
         if crc4(prom) != prom[15] & 0x0F:
             raise self._chip.broken("the checksum of its factory calibration is wrong")
@@ -180,7 +180,7 @@ class Ms5611(ClosedOnExit):
 
     def _convert(self, command: int) -> int:
         self._chip.transfer(bytes([command]))
-        time.sleep(_CONVERSION_S)
+        timebase.sleep(_CONVERSION_S)
         value = int.from_bytes(self._chip.read_register(_READ_ADC, 3), "big")
         if value == 0:
             raise self._chip.implausible("a conversion that was not finished or was read twice")

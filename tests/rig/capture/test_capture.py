@@ -2,7 +2,6 @@
 
 import json
 import math
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from fakes.whole_rig import HEIGHT_PX, FakeRig, RunningRig, running_rig
 
 from localizer.bundle import load_bundle
 from localizer.skyline.find import ColumnState, Skyline, find_skyline
+from rig import timebase
 from rig.attitude.kinematics import Attitude, Head, JointAngles, camera_pointing, wrapped_deg
 from rig.capture.sequence import CaptureError, capture
 from rig.capture.view import in_sweep_order
@@ -144,9 +144,11 @@ def test_pictures_do_not_wait_for_a_compass_that_is_gone(running: RunningRig, tm
         return 0.0
 
     running.rig.compass_off_deg = gone
-    begun_s = time.monotonic()
+    begun_s = timebase.monotonic_s()
     content = json.loads((take(running, tmp_path, "N,E,S,W") / "bundle.json").read_text())
-    assert time.monotonic() - begun_s < 15.0, "a lost port is waited for 5 s where nothing goes on without it"
+    assert timebase.monotonic_s() - begun_s < 15.0, (
+        "a lost port is waited for 5 s where nothing goes on without it"
+    )
     assert not any("field_ut" in frame["raw"] for frame in content["frames"])
     assert {(note["problem"], note["count"]) for note in content["raw"]["faults"]} == {("was pulled out", 4)}
     assert content["calibration"]["heading"]["heading_deg"] == pytest.approx(30.0, abs=0.1)
@@ -189,7 +191,7 @@ def test_without_compass_and_altimeter(running: RunningRig, tmp_path: Path) -> N
 
 def test_a_swinging_mast_is_waited_for(running: RunningRig, tmp_path: Path) -> None:
     running.rig.swing_deg = 3.0
-    running.rig.swing_until_s = time.monotonic() + 2.5
+    running.rig.swing_until_s = timebase.monotonic_s() + 2.5
     bundle = load_bundle(take(running, tmp_path, "E"))
     truth = camera_pointing(running.rig.base, running.rig.joints(), NOWHERE)
     assert bundle.frames[0].roll_deg == pytest.approx(truth.roll_deg, abs=0.02)
@@ -202,7 +204,7 @@ def test_a_mast_that_never_rests(running: RunningRig, tmp_path: Path) -> None:
     with pytest.raises(
         DeviceError, match=r"inclinometer: the head does not come to rest: it drifts by \d\.\d\d deg"
     ):
-        take(running, tmp_path / "out", "E")
+        take(running, tmp_path / "out", "E", pan_tilt={"settle_timeout_s": 3.0})
     assert_safe_and_clean(running, tmp_path / "out")
 
 
@@ -227,7 +229,7 @@ def test_the_camera_stalls(running: RunningRig, tmp_path: Path, monkeypatch: pyt
 
     running.rig.before_reading = stall
     with pytest.raises(DeviceError, match=r"camera http://.*(stopped sending|has sent no frame)"):
-        take(running, tmp_path / "out")
+        take(running, tmp_path / "out", camera={"read_timeout_s": 1.0})
     assert_safe_and_clean(running, tmp_path / "out")
 
 

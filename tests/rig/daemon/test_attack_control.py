@@ -18,6 +18,7 @@ import pytest
 from click.testing import CliRunner
 from fakes.attacks import BOM, JSON_ATTACKS, TOML_ATTACKS
 from fakes.located import write_bundle
+from fakes.timebases import FastClock, on
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -39,6 +40,9 @@ from rig.errors import ConfigError
 EXAMPLE = Path(__file__).parents[3] / "configs" / "vehicle.toml"
 PATIENCE_S = 30.0
 
+SPEED = 20.0
+"""So fast runs the clock by which the loop looks whether it shall end, and proves that it gets on."""
+
 
 class Listening:
     """A control socket that is served, and whose loop is watched."""
@@ -52,7 +56,7 @@ class Listening:
         self._thread.start()
 
     def _serve(self) -> None:
-        with self.heartbeats.watched("control", 1.0):
+        with self.heartbeats.watched("control", 1.0 * SPEED):
             self._listener.run(lambda: self.heartbeats.beat("control"), self._stop)
 
     def end(self) -> None:
@@ -80,9 +84,10 @@ class Listening:
 
 @pytest.fixture
 def listening(tmp_path: Path) -> Iterator[Listening]:
-    listening = Listening(tmp_path / "control.sock")
-    yield listening
-    listening.end()
+    with on(FastClock(SPEED)):
+        listening = Listening(tmp_path / "control.sock")
+        yield listening
+        listening.end()
 
 
 @pytest.mark.parametrize("attack", JSON_ATTACKS)

@@ -64,7 +64,7 @@ def test_after_a_while_one_more_is_written_with_the_number_left_out(log, monkeyp
     for _ in range(50):
         log.warning("noise")
     later_s = time.monotonic() + 2.5 * log_rate_limit.EVERY_S
-    monkeypatch.setattr(log_rate_limit.time, "monotonic", lambda: later_s)
+    monkeypatch.setattr("rig.timebase.monotonic_s", lambda: later_s)
     log.info("good morning")
     assert log.lines[log_rate_limit.FIRST :] == ["40 more lines like this left out: noise", "good morning"]
 

@@ -5,13 +5,13 @@ import os
 import pty
 import socket
 import sys
-import time
 import tty
 from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
 
 import pytest
 from fakes.answers import an_answer
+from fakes.timebases import SteppedClock, on
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common
@@ -28,6 +28,7 @@ from rig.errors import ConfigError
 
 SOON_S = 30.0
 """A wait that only a failing test lasts out."""
+STEP_S = 0.1
 BOTH = ("EXTERNAL_POSITION_ESTIMATE", "GPS_INPUT")
 
 
@@ -37,26 +38,42 @@ def decoded(message):
     return common.MAVLink(None).parse_buffer(packed)[0]
 
 
+@pytest.fixture
+def clock():
+    """Time passes while something is waited for, and only then."""
+    with on(SteppedClock()) as clock:
+        yield clock
+
+
 class Autopilot:
     """The other end of a UDP link."""
 
-    def __init__(self, port=0):
+    def __init__(self, clock, port=0):
+        self.clock = clock
         self.socket = socket.socket(type=socket.SOCK_DGRAM)
         self.socket.bind(("127.0.0.1", port))
-        self.socket.settimeout(SOON_S)
+        self.socket.setblocking(False)
         self.port = self.socket.getsockname()[1]
         self.mav = common.MAVLink(None, srcSystem=1, srcComponent=1)
-        self.autopilot_present = []
+        self.heard = []
 
     def until(self, kind, wanted=lambda message: True):
-        deadline_s = time.monotonic() + SOON_S
-        while time.monotonic() < deadline_s:
-            data, self.companion = self.socket.recvfrom(65536)
-            for message in self.mav.parse_buffer(data):
-                self.autopilot_present.append(message)
-                if message.get_type() == kind and wanted(message):
-                    return message
+        end_s = self.clock.monotonic_s() + SOON_S
+        while self.clock.monotonic_s() < end_s:
+            while data := self._datagram():
+                for message in self.mav.parse_buffer(data):
+                    self.heard.append(message)
+                    if message.get_type() == kind and wanted(message):
+                        return message
+            self.clock.advance(STEP_S)
         return pytest.fail(f"no such {kind} came")
+
+    def _datagram(self):
+        try:
+            data, self.companion = self.socket.recvfrom(65536)
+        except BlockingIOError:
+            return b""
+        return data
 
     def say(self, message):
         self.socket.sendto(message.pack(self.mav), self.companion)
@@ -69,36 +86,35 @@ class Autopilot:
         )
 
     def count(self, kind, wanted=lambda message: True):
-        return len(
-            [message for message in self.autopilot_present if message.get_type() == kind and wanted(message)]
-        )
+        return len([message for message in self.heard if message.get_type() == kind and wanted(message)])
 
 
 @contextmanager
-def linked(daemon_state, **changes):
-    autopilot = Autopilot()
+def linked(clock, daemon_state, **changes):
+    autopilot = Autopilot(clock)
     section = MavlinkOutput(**{"connection": f"udpout:127.0.0.1:{autopilot.port}", **changes})
     try:
         with publishing(section, daemon_state):
+            clock.until_waiting(1)
             yield autopilot
     finally:
         autopilot.socket.close()
 
 
-def until(condition):
-    deadline_s = time.monotonic() + SOON_S
+def until(clock, condition):
+    end_s = clock.monotonic_s() + SOON_S
     while not condition():
-        assert time.monotonic() < deadline_s, "it did not come to that"
-        time.sleep(0.02)
+        assert clock.monotonic_s() < end_s, "it did not come to that"
+        clock.advance(STEP_S)
 
 
 def link_of(daemon_state):
     return next(device for device in daemon_state.snapshot().devices if device.name == "mavlink")
 
 
-def test_a_fix_is_sent_once_with_its_age_and_accuracy():
+def test_a_fix_is_sent_once_with_its_age_and_accuracy(clock):
     daemon_state = DaemonState()
-    with linked(daemon_state) as autopilot:
+    with linked(clock, daemon_state) as autopilot:
         beat = autopilot.until("HEARTBEAT")
         assert (beat.get_srcSystem(), beat.get_srcComponent()) == (1, 197)
         assert beat.autopilot == common.MAV_AUTOPILOT_INVALID
@@ -108,7 +124,7 @@ def test_a_fix_is_sent_once_with_its_age_and_accuracy():
         assert (command.target_system, command.target_component) == (1, 1)
         assert command.frame == common.MAV_FRAME_GLOBAL
         assert (command.x, command.y) == (461990000, -1221920000)
-        assert 12.0 <= command.param2 <= 12.0 + SOON_S
+        assert 12.0 <= command.param2 <= 12.0 + 2 * mavlink.POLL_EVERY_S
         assert command.param3 == pytest.approx(3.0, rel=1e-3)  # the longer axis
         assert math.isnan(command.z)
         for _ in range(2):
@@ -118,9 +134,9 @@ def test_a_fix_is_sent_once_with_its_age_and_accuracy():
         assert 5.0 <= autopilot.until("COMMAND_INT").param2 <= 12.0
 
 
-def test_only_a_current_fix_is_sent():
+def test_only_a_current_fix_is_sent(clock):
     daemon_state = DaemonState()
-    with linked(daemon_state, messages=BOTH) as autopilot:
+    with linked(clock, daemon_state, messages=BOTH) as autopilot:
         for answer in (
             an_answer("a", "ambiguous", age_s=10.0),
             an_answer("b", "none", age_s=9.0),
@@ -140,64 +156,64 @@ def test_only_a_current_fix_is_sent():
         assert autopilot.count("COMMAND_INT") == 1
 
 
-def test_a_fix_of_a_place_that_the_vehicle_has_left_is_withheld_and_the_log_says_so(caplog):
+def test_a_fix_of_a_place_that_the_vehicle_has_left_is_withheld_and_the_log_says_so(clock, caplog):
     daemon_state = DaemonState()
-    with linked(daemon_state) as autopilot:
+    with linked(clock, daemon_state) as autopilot:
         autopilot.until("HEARTBEAT")
         daemon_state.set_moving()
         daemon_state.set_answer(an_answer(age_s=5.0))
-        until(lambda: daemon_state.snapshot().counts.get("mavlink fixes not sent") == 1)
+        until(clock, lambda: daemon_state.snapshot().counts.get("mavlink fixes not sent") == 1)
         autopilot.until("HEARTBEAT")
         assert autopilot.count("COMMAND_INT") == 0
     assert "is not sent: the vehicle has moved on" in caplog.text
 
 
-def test_a_fix_of_before_the_link_began_is_not_repeated():
+def test_a_fix_of_before_the_link_began_is_not_repeated(clock):
     daemon_state = DaemonState()
     daemon_state.set_answer(an_answer(age_s=5.0))
-    with linked(daemon_state) as autopilot:
+    with linked(clock, daemon_state) as autopilot:
         for _ in range(3):
             autopilot.until("HEARTBEAT")
         assert autopilot.count("COMMAND_INT") == 0
 
 
-def test_the_state_shows_whether_the_autopilot_is_present_and_accepts_fixes(monkeypatch, caplog):
+def test_the_state_shows_whether_the_autopilot_is_present_and_accepts_fixes(clock, monkeypatch, caplog):
     monkeypatch.setattr(mavlink, "HEARTBEAT_TIMEOUT_S", 1.5)
     daemon_state = DaemonState()
-    with linked(daemon_state) as autopilot:
+    with linked(clock, daemon_state) as autopilot:
         autopilot.until("HEARTBEAT")
-        until(lambda: link_of(daemon_state).state == "failing")
+        until(clock, lambda: link_of(daemon_state).state == "failing")
         assert "no heartbeat of system 1" in link_of(daemon_state).detail
         autopilot.beat()
-        until(lambda: link_of(daemon_state).state == "ok")
+        until(clock, lambda: link_of(daemon_state).state == "ok")
         daemon_state.set_answer(an_answer("a", age_s=9.0))
         for number, result in enumerate((common.MAV_RESULT_ACCEPTED, common.MAV_RESULT_FAILED)):
             daemon_state.set_answer(an_answer(f"fix {number}", age_s=8.0 - number))
             autopilot.until("COMMAND_INT")
             autopilot.say(common.MAVLink_command_ack_message(43003, result))
-        until(lambda: daemon_state.snapshot().counts.get("mavlink fixes refused") == 1)
+        until(clock, lambda: daemon_state.snapshot().counts.get("mavlink fixes refused") == 1)
         assert daemon_state.snapshot().counts["mavlink fixes accepted"] == 1
         assert "did not take a fix: MAV_RESULT_FAILED" in caplog.text
-        until(lambda: link_of(daemon_state).state == "failing")
+        until(clock, lambda: link_of(daemon_state).state == "failing")
 
 
-def test_a_command_that_is_not_answered_is_sent_again_with_its_age_then(monkeypatch, caplog):
+def test_a_command_that_is_not_answered_is_sent_again_with_its_age_then(clock, monkeypatch, caplog):
     monkeypatch.setattr(mavlink, "ACK_TIMEOUT_S", 0.3)
     monkeypatch.setattr(mavlink, "HEARTBEAT_TIMEOUT_S", SOON_S)
     daemon_state = DaemonState()
-    with linked(daemon_state) as autopilot:
+    with linked(clock, daemon_state) as autopilot:
         autopilot.until("HEARTBEAT")
         autopilot.beat()
-        until(lambda: link_of(daemon_state).state == "ok")
+        until(clock, lambda: link_of(daemon_state).state == "ok")
         daemon_state.set_answer(an_answer("a", age_s=9.0))
         first, second = autopilot.until("COMMAND_INT"), autopilot.until("COMMAND_INT")
         assert (first.x, first.y) == (second.x, second.y)
         assert second.param2 > first.param2 + 0.25
         for _ in range(2):  # one to each
             autopilot.say(common.MAVLink_command_ack_message(43003, common.MAV_RESULT_ACCEPTED))
-        until(lambda: daemon_state.snapshot().counts.get("mavlink fixes accepted"))
+        until(clock, lambda: daemon_state.snapshot().counts.get("mavlink fixes accepted"))
         daemon_state.set_answer(an_answer("b", age_s=5.0))
-        until(lambda: daemon_state.snapshot().counts.get("mavlink fixes unanswered"))
+        until(clock, lambda: daemon_state.snapshot().counts.get("mavlink fixes unanswered"))
         for _ in range(2):
             autopilot.until("HEARTBEAT")
         assert autopilot.count("COMMAND_INT") <= 2 + 1 + mavlink.MAX_SENDS
@@ -206,50 +222,54 @@ def test_a_command_that_is_not_answered_is_sent_again_with_its_age_then(monkeypa
     assert "does not answer the fix of b" in caplog.text
 
 
-def test_a_link_that_breaks_is_opened_again_and_a_current_fix_still_sent(monkeypatch):
+def test_a_link_that_breaks_is_opened_again_and_a_current_fix_still_sent(clock, monkeypatch):
     monkeypatch.setattr(mavlink, "MIN_RETRY_S", 0.05)
     daemon_state = DaemonState()
-    autopilot = Autopilot()
+    autopilot = Autopilot(clock)
     with publishing(MavlinkOutput(connection=f"udpout:127.0.0.1:{autopilot.port}"), daemon_state):
+        clock.until_waiting(1)
         autopilot.until("HEARTBEAT")
         autopilot.beat()
-        until(lambda: link_of(daemon_state).state == "ok")
+        until(clock, lambda: link_of(daemon_state).state == "ok")
         autopilot.socket.close()
-        until(lambda: "Connection refused" in link_of(daemon_state).detail)
+        until(clock, lambda: "Connection refused" in link_of(daemon_state).detail)
         assert link_of(daemon_state).state == "failing"
         daemon_state.set_answer(an_answer(age_s=2.0))
-        back = Autopilot(autopilot.port)
+        back = Autopilot(clock, autopilot.port)
         assert back.until("COMMAND_INT").x == 461990000
         back.socket.close()
 
 
-def test_tcp_and_an_autopilot_that_hangs_up(monkeypatch):
+def test_tcp_and_an_autopilot_that_hangs_up(clock, monkeypatch):
     monkeypatch.setattr(mavlink, "MIN_RETRY_S", 0.05)
     daemon_state = DaemonState()
     with socket.create_server(("127.0.0.1", 0)) as server:
         server.settimeout(SOON_S)
         with publishing(MavlinkOutput(connection=f"tcp:127.0.0.1:{server.getsockname()[1]}"), daemon_state):
+            clock.until_waiting(1)
             for _ in range(2):
                 peer, _ = server.accept()
                 assert common.MAVLink(None).parse_buffer(peer.recv(65536))[0].get_type() == "HEARTBEAT"
                 peer.close()
-                until(lambda: "closed the connection" in link_of(daemon_state).detail)
+                until(clock, lambda: "closed the connection" in link_of(daemon_state).detail)
+                clock.advance(1.0)
 
 
-def test_a_sender_to_udpin_is_answered():
+def test_a_sender_to_udpin_is_answered(clock):
     with socket.socket(type=socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    autopilot = Autopilot()
+    autopilot = Autopilot(clock)
     autopilot.companion = ("127.0.0.1", port)
     with publishing(MavlinkOutput(connection=f"udpin:127.0.0.1:{port}"), daemon_state := DaemonState()):
-        until(lambda: autopilot.beat() or link_of(daemon_state).state == "ok")
+        clock.until_waiting(1)
+        until(clock, lambda: autopilot.beat() or link_of(daemon_state).state == "ok")
         autopilot.until("HEARTBEAT")
     autopilot.socket.close()
 
 
 @pytest.mark.parametrize("messages", [("GPS_INPUT",), ("EXTERNAL_POSITION_ESTIMATE",)])
-def test_an_autopilot_that_comes_in_the_middle_of_a_fix_still_gets_it(messages):
+def test_an_autopilot_that_comes_in_the_middle_of_a_fix_still_gets_it(clock, messages):
     """GPS_INPUT has no acknowledgement, so a fix sent without a receiver would be lost."""
     kind = "GPS_INPUT" if messages == ("GPS_INPUT",) else "COMMAND_INT"
 
@@ -262,9 +282,10 @@ def test_an_autopilot_that_comes_in_the_middle_of_a_fix_still_gets_it(messages):
     daemon_state = DaemonState()
     section = MavlinkOutput(connection=f"udpin:127.0.0.1:{port}", messages=messages)
     with publishing(section, daemon_state):
+        clock.until_waiting(1)
         daemon_state.set_answer(an_answer(age_s=2.0))
-        until(lambda: daemon_state.snapshot().counts.get("mavlink fixes sent") == 1)
-        autopilot = Autopilot()
+        until(clock, lambda: daemon_state.snapshot().counts.get("mavlink fixes sent") == 1)
+        autopilot = Autopilot(clock)
         autopilot.companion = ("127.0.0.1", port)
         autopilot.beat()
         autopilot.until(kind, is_fix)
@@ -277,57 +298,58 @@ def test_an_autopilot_that_comes_in_the_middle_of_a_fix_still_gets_it(messages):
     autopilot.socket.close()
 
 
-def test_an_autopilot_that_was_restarted_gets_the_current_fix_again(monkeypatch):
+def test_an_autopilot_that_was_restarted_gets_the_current_fix_again(clock, monkeypatch):
     monkeypatch.setattr(mavlink, "HEARTBEAT_TIMEOUT_S", 1.5)
     daemon_state = DaemonState()
-    with linked(daemon_state, messages=("GPS_INPUT",)) as autopilot:
+    with linked(clock, daemon_state, messages=("GPS_INPUT",)) as autopilot:
         autopilot.until("HEARTBEAT")
         autopilot.beat()
-        until(lambda: link_of(daemon_state).state == "ok")
+        until(clock, lambda: link_of(daemon_state).state == "ok")
         daemon_state.set_answer(an_answer(age_s=2.0))
         autopilot.until("GPS_INPUT", lambda message: message.fix_type == 3)
-        until(lambda: link_of(daemon_state).state == "failing")
+        until(clock, lambda: link_of(daemon_state).state == "failing")
         assert autopilot.count("GPS_INPUT", lambda message: message.fix_type == 3) == 1
         autopilot.beat()
         autopilot.until("GPS_INPUT", lambda message: message.fix_type == 3)
 
 
-def test_an_unplugged_serial_port_is_a_fault_in_the_state(monkeypatch):
+def test_an_unplugged_serial_port_is_a_fault_in_the_state(clock, monkeypatch):
     monkeypatch.setattr(mavlink, "MIN_RETRY_S", 0.05)
     controller, port = pty.openpty()
     tty.setraw(controller)
     tty.setraw(port)
     daemon_state = DaemonState()
     with publishing(MavlinkOutput(connection=os.ttyname(port)), daemon_state):
+        clock.until_waiting(1)
         autopilot_present = common.MAVLink(None).parse_buffer(os.read(controller, 65536))
         assert autopilot_present[0].get_type() == "HEARTBEAT"
         os.close(port)
         os.close(controller)
-        until(lambda: link_of(daemon_state).state == "failing")
+        until(clock, lambda: link_of(daemon_state).state == "failing")
     assert "serial port" in link_of(daemon_state).detail
 
 
-def test_noise_on_the_link_is_no_matter():
+def test_noise_on_the_link_is_no_matter(clock):
     daemon_state = DaemonState()
-    with linked(daemon_state) as autopilot:
+    with linked(clock, daemon_state) as autopilot:
         autopilot.until("HEARTBEAT")
         for noise in (b"", b"\xfd" * 300, bytes(range(256)) * 4, b"\xfe\x09\x00\x01\x01\x00" + bytes(20)):
             autopilot.socket.sendto(noise, autopilot.companion)
-        until(lambda: autopilot.beat() or link_of(daemon_state).state == "ok")
+        until(clock, lambda: autopilot.beat() or link_of(daemon_state).state == "ok")
 
 
-def test_an_autopilot_that_streams_is_kept_up_with():
+def test_an_autopilot_that_streams_is_kept_up_with(clock):
     daemon_state = DaemonState()
-    with linked(daemon_state) as autopilot:
+    with linked(clock, daemon_state) as autopilot:
         autopilot.until("HEARTBEAT")
         for _ in range(100):  # datagrams of which one in each round would take 20 s
             autopilot.say(common.MAVLink_attitude_message(0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
         daemon_state.set_answer(an_answer(age_s=5.0))
         autopilot.until("COMMAND_INT")
         autopilot.say(common.MAVLink_command_ack_message(43003, common.MAV_RESULT_ACCEPTED))
-        began_s = time.monotonic()
-        until(lambda: daemon_state.snapshot().counts.get("mavlink fixes accepted") == 1)
-        assert time.monotonic() - began_s < 15.0
+        began_s = clock.monotonic_s()
+        until(clock, lambda: daemon_state.snapshot().counts.get("mavlink fixes accepted") == 1)
+        assert clock.monotonic_s() - began_s < 1.0
 
 
 @given(st.binary(max_size=400), st.data())
@@ -360,10 +382,11 @@ def test_a_connection_of_no_kind_is_refused(connection):
         publishing(MavlinkOutput(connection=connection), DaemonState()).__enter__()
 
 
-def test_the_loop_gives_proof_of_its_work(monkeypatch):
+def test_the_loop_gives_proof_of_its_work(clock, monkeypatch):
     heartbeats, daemon_state = Heartbeats(), DaemonState()
     with publishing(MavlinkOutput(connection="udpout:127.0.0.1:1"), daemon_state, heartbeats):
-        until(lambda: link_of(daemon_state).state == "failing")
+        clock.until_waiting(1)
+        until(clock, lambda: link_of(daemon_state).state == "failing")
         assert heartbeats.stalled() == ()
     assert heartbeats.stalled() == ()
 

@@ -6,6 +6,7 @@ from contextlib import closing
 import pytest
 from fakes.answers import CAPTURED_UTC, an_answer
 from fakes.qgis import Qgis
+from fakes.timebases import FastClock, on
 from pynmeagps import NMEAReader
 
 from rig.config.run import NmeaOutput
@@ -16,6 +17,13 @@ from rig.daemon.state import DaemonState
 
 SOON_S = 30.0
 ALL = NmeaOutput().sentences
+
+
+@pytest.fixture(autouse=True)
+def clock():
+    """Epochs follow each other ten times as fast as they are dated."""
+    with on(FastClock(10.0)) as clock:
+        yield clock
 
 
 def section(**changes):

@@ -51,9 +51,11 @@ retry_most_s = 1.0
 dem = ["{EMBEDDED_DEM}"]
 """
 
-# As the program rig, but for a way to have one of its loops hang: while there is the file, a probe of a device does.
+# As the program rig, but on a faster clock, and with a way to have one of its loops hang: while there is the file, a probe
+# of a device does.
 HANGING = """
 import pathlib, time
+from fakes.timebases import FastClock, on
 from rig.commands import cli
 from rig.daemon import device_monitor, runtime
 
@@ -64,7 +66,8 @@ def probe(self, name, device, probe=device_monitor.DeviceMonitor._probe):
 
 device_monitor.DeviceMonitor._probe = probe
 runtime.SLOW_BEAT_S = 2.0
-cli.main()
+with on(FastClock(4.0)):
+    cli.main()
 """
 
 
@@ -80,6 +83,7 @@ def daemon(tmp_path: Path, manager: Manager) -> Iterator[subprocess.Popen[str]]:
     (tmp_path / "vehicle.toml").write_text(NO_DEVICES)
     environment = {
         **os.environ,
+        "PYTHONPATH": str(Path(__file__).parents[1]),
         "NOTIFY_SOCKET": manager.address,
         "WATCHDOG_USEC": str(round(WATCHDOG_S * 1e6)),
     }

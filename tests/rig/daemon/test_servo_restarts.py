@@ -22,7 +22,7 @@ from sim.devices.servo import ENCODER_ERROR, OVERLOAD_ERROR
 def test_a_servo_that_shut_down_for_an_overload_comes_back_without_torque_and_the_other_is_left_alone(
     tmp_path: Path,
 ) -> None:
-    with quick_rig(world(), tmp_path) as quick:
+    with quick_rig(world(), tmp_path, in_this_process=True) as quick:
         section = load_config(quick.rig.config_path).pan_tilt
         quick.rig.pan.fail(OVERLOAD_ERROR)
         (restarted,) = restart_servos(section)
@@ -38,7 +38,7 @@ def test_a_servo_that_shut_down_for_an_overload_comes_back_without_torque_and_th
 
 
 def test_the_daemon_is_ready_again_after_an_overload(tmp_path: Path) -> None:
-    with quick_rig(world(), tmp_path, dem_paths=[EMBEDDED_DEM]) as quick:
+    with quick_rig(world(), tmp_path, dem_paths=[EMBEDDED_DEM], in_this_process=True) as quick:
         add_keys(quick.rig.config_path, "run", retry_least_s=0.1, retry_most_s=0.2, check_every_s=0.2)
         config, daemon_state, stop = load_config(quick.rig.config_path), DaemonState(), threading.Event()
         restarts = ServoRestarts(lambda: restart_servos(config.pan_tilt), (0.5,))
@@ -61,7 +61,7 @@ def test_the_daemon_is_ready_again_after_an_overload(tmp_path: Path) -> None:
 
 
 def test_a_broken_encoder_is_not_restarted(tmp_path: Path) -> None:
-    with quick_rig(world(), tmp_path) as quick:
+    with quick_rig(world(), tmp_path, in_this_process=True) as quick:
         quick.rig.tilt.fail(ENCODER_ERROR | OVERLOAD_ERROR)
         assert restart_servos(load_config(quick.rig.config_path).pan_tilt) == []
         assert quick.rig.tilt.register("hardware_error_status") == ENCODER_ERROR | OVERLOAD_ERROR
@@ -70,7 +70,7 @@ def test_a_broken_encoder_is_not_restarted(tmp_path: Path) -> None:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     now_s = [1000.0]
-    monkeypatch.setattr("rig.daemon.servo_restarts.time.monotonic", lambda: now_s[0])
+    monkeypatch.setattr("rig.timebase.monotonic_s", lambda: now_s[0])
     return now_s
 
 

@@ -250,7 +250,9 @@ def world(**parts: object) -> World:
 
 
 def test_check_and_capture_refuse_an_ms5607_that_is_configured_as_an_ms5611(tmp_path: Path) -> None:
-    with quick_rig(world(altimeter=Altimeter(kind="ms5611", soldered="ms5607")), tmp_path) as quick:
+    with quick_rig(
+        world(altimeter=Altimeter(kind="ms5611", soldered="ms5607")), tmp_path, in_this_process=True
+    ) as quick:
         rows = {row.device: row for row in check_devices(load_config(quick.rig.config_path))}
         assert 'kind = "ms5607"' in str(rows["altimeter"].problem)
         assert "[place] altitude_m says" in str(rows["altimeter"].problem)
@@ -260,7 +262,7 @@ def test_check_and_capture_refuse_an_ms5607_that_is_configured_as_an_ms5611(tmp_
 
 
 def test_an_ms5607_that_is_configured_as_one_is_taken(tmp_path: Path) -> None:
-    with quick_rig(world(altimeter=Altimeter(kind="ms5607")), tmp_path) as quick:
+    with quick_rig(world(altimeter=Altimeter(kind="ms5607")), tmp_path, in_this_process=True) as quick:
         config = load_config(quick.rig.config_path)
         assert config.altimeter is not None
         row = check_altimeter(config.altimeter, altitude_bounds(config))
@@ -275,7 +277,7 @@ def test_an_ms5607_that_is_configured_as_one_is_taken(tmp_path: Path) -> None:
 )
 def test_check_refuses_an_inclinometer_of_another_scale(soldered: str, named: str, tmp_path: Path) -> None:
     fitted = Inclinometer.model_validate({"chip": named, "soldered": soldered})
-    with quick_rig(world(inclinometer=fitted), tmp_path) as quick:
+    with quick_rig(world(inclinometer=fitted), tmp_path, in_this_process=True) as quick:
         rows = {row.device: row for row in check_devices(load_config(quick.rig.config_path))}
         assert "identity" in str(rows["inclinometer"].problem)
 
@@ -286,7 +288,7 @@ def test_a_scale_that_only_the_servo_can_show_refuses_the_capture(
 ) -> None:
     monkeypatch.setattr(Iis2iclx, "_require_two_axes", lambda self, data: None)
     fitted = Inclinometer(chip="iis2iclx", soldered="ism330dhcx")
-    with quick_rig(world(inclinometer=fitted), tmp_path) as quick:
+    with quick_rig(world(inclinometer=fitted), tmp_path, in_this_process=True) as quick:
         with pytest.raises(
             DeviceError, match=r"IIS2ICLX .* turned it by 10\.0 deg, a factor of 0\.2\d; look at"
         ):
@@ -335,7 +337,7 @@ def test_watching_warns_of_an_altitude_that_cannot_be(tmp_path: Path) -> None:
 
     fitted = Altimeter(kind="ms5611", soldered="ms5607")
     with (
-        quick_rig(world(altimeter=fitted), tmp_path) as quick,
+        quick_rig(world(altimeter=fitted), tmp_path, in_this_process=True) as quick,
         sources_of(load_config(quick.rig.config_path))["altimeter"]() as source,
     ):
         assert 'kind = "ms5607"' in source.read().warnings[0]

@@ -18,7 +18,7 @@ from sim.world.scenario import BarometerQuirk, CompassQuirk
 
 def taken(folder: Path, **devices: Any) -> tuple[dict[str, Any], float, float]:
     """``bundle.json`` of a quick capture, and by how much its heading and its altitude are off, in their sigmas."""
-    with quick_rig(world(**devices), folder) as quick:
+    with quick_rig(world(**devices), folder, in_this_process=True) as quick:
         path = quick.capture()
         truth = json.loads(quick.rig.truth_path.read_text())
         bundle = load_bundle(path)
@@ -71,7 +71,7 @@ def test_a_capture_agrees_with_the_truth(tmp_path: Path, kind: str, quirk: str |
 @pytest.mark.long
 @pytest.mark.parametrize("quirk", ["two-compasses", "true-marked-magnetic", "no-value", "manual"])
 def test_a_capture_with_no_heading_to_trust_is_refused(tmp_path: Path, quirk: str) -> None:
-    with quick_rig(world(compass="hdm", compass_quirk=quirk), tmp_path) as quick:
+    with quick_rig(world(compass="hdm", compass_quirk=quirk), tmp_path, in_this_process=True) as quick:
         with pytest.raises(DeviceError):
             quick.capture()
         assert quick.left_over() == []
@@ -89,7 +89,7 @@ def test_a_capture_with_no_heading_to_trust_is_refused(tmp_path: Path, quirk: st
     ],
 )
 def test_the_altitude_by_a_talker_is_the_air_s(tmp_path: Path, quirk: str | None) -> None:
-    with quick_rig(world(altimeter="xdr", altimeter_quirk=quirk), tmp_path) as quick:
+    with quick_rig(world(altimeter="xdr", altimeter_quirk=quirk), tmp_path, in_this_process=True) as quick:
         (row,) = [
             row for row in check_devices(load_config(quick.rig.config_path)) if row.device == "altimeter"
         ]

@@ -1,9 +1,9 @@
 """Answers as in the daemon state, for publishers."""
 
-import time
 from datetime import UTC, datetime, timedelta
 
 from localizer.fix import Candidate, Fix, Nuisance, Position, Stage1Counts
+from rig import timebase
 from rig.clock import Instant
 from rig.daemon.state import Answer
 
@@ -23,7 +23,7 @@ def an_answer(
     took_s=8.0,
 ):
     """An answer to a capture of ``age_s`` ago, by the clock that does not step."""
-    captured_s = time.monotonic() - age_s
+    captured_s = timebase.monotonic_s() - age_s
     has_place = status != "none"
     place = position or Position(
         easting_m=562310.4,

@@ -3,8 +3,9 @@
 import os
 import pty
 import threading
-import time
 import tty
+
+from rig import timebase
 
 
 class Line:
@@ -16,12 +17,16 @@ class Line:
         self.path = os.ttyname(self._near)
         self._speakers: list[threading.Thread] = []
 
+    def say(self, data: bytes) -> None:
+        """Write it all at once: it waits in the port until it is read."""
+        self.say_soon(data, every_s=0.0)
+
     def say_soon(self, *parts: bytes, every_s: float = 0.03) -> None:
         """Write the parts one by one from another thread, the first after ``every_s``."""
 
         def say() -> None:
             for part in parts:
-                time.sleep(every_s)
+                timebase.sleep(every_s)
                 os.write(self.far, part)
 
         self._speakers.append(threading.Thread(target=say))

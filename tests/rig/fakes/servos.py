@@ -16,6 +16,8 @@ from pathlib import Path
 
 from dynamixel_sdk.protocol2_packet_handler import Protocol2PacketHandler
 
+from rig import timebase
+
 HEADER = b"\xff\xff\xfd\x00"
 TORQUE, HARDWARE_ERROR, WATCHDOG, GOAL, MOVING, POSITION = 64, 70, 98, 116, 122, 132
 RESULT_OK, DATA_RANGE, DATA_LIMIT, ACCESS = 0, 4, 6, 7
@@ -37,7 +39,10 @@ def status_packet(servo_id: int, error: int, parameters: bytes) -> bytes:
 
 @dataclass
 class FakeServo:
-    """One servo: 147 registers and a shaft that turns at ``speed_tick_s`` while its torque is on."""
+    """One servo: 147 registers and a shaft that turns at ``speed_tick_s`` while its torque is on.
+
+    The shaft turns by the rig's clock; the bus watchdog guards this computer's threads and runs on the computer's.
+    """
 
     servo_id: int
     model_number: int = 1020
@@ -56,7 +61,7 @@ class FakeServo:
         initial = [(9, 1, 250), (11, 1, 3), (48, 4, 4095), (144, 2, 121), (146, 1, 31)]
         for address, length, value in [*initial, (GOAL, 4, 2048), (POSITION, 4, 2048)]:
             self.put(address, length, value)
-        self.last_s = time.monotonic()
+        self.last_s = timebase.monotonic_s()
         self.heard_s = time.monotonic()
 
     def get(self, address: int, length: int) -> int:
@@ -66,11 +71,11 @@ class FakeServo:
         self.registers[address : address + length] = value.to_bytes(length, "little", signed=value < 0)
 
     def step(self) -> None:
-        now_s = time.monotonic()
+        heard_s, self.heard_s = self.heard_s, time.monotonic()
         watchdog = self.registers[WATCHDOG]
-        if self.registers[TORQUE] and 0 < watchdog <= 127 and now_s - self.heard_s > watchdog * 0.020:
+        if self.registers[TORQUE] and 0 < watchdog <= 127 and self.heard_s - heard_s > watchdog * 0.020:
             self.trip_watchdog()
-        self.heard_s = now_s
+        now_s = timebase.monotonic_s()
         way = self.get(GOAL, 4) - self.get(POSITION, 4)
         reach = int(self.speed_tick_s * (now_s - self.last_s))
         if reach == 0 and way:

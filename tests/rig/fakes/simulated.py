@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from fakes.timebases import FastClock, on
 from rig.capture.sequence import capture
 from rig.config.directions import parse_directions
 from rig.config.load import load_config
@@ -26,6 +27,15 @@ HASTE = {
     "[inclinometer]": "average_s = 0.25",
     "[camera]": "frames_per_direction = 2\nexposure_settle_s = 0.05\nopen_timeout_s = 1.0\nread_timeout_s = 0.6",
 }
+SPEED = 3.0
+"""Of rig and devices together, as against the computer's clock, where nothing of the rig runs in another process."""
+AT_SPEED = {
+    "settle_timeout_s = 4.0": f"settle_timeout_s = {4.0 * SPEED}",
+    "bus_watchdog_ms = 400": f"bus_watchdog_ms = {400 * SPEED:.0f}",
+    "open_timeout_s = 1.0": f"open_timeout_s = {1.0 * SPEED}",
+    "read_timeout_s = 0.6": f"read_timeout_s = {0.6 * SPEED}",
+}
+"""Time limits that last as long on the computer's clock: what is waited for is done by threads of this computer."""
 CAPTURE = "\n[capture]\nbase_attitude_pan_angles_deg = [-45.0, 0.0, 45.0]\n"
 
 
@@ -80,6 +90,8 @@ class Quick:
     bundles: Path
     faults: list[str]
     """What the fault script said."""
+    speed: float
+    """Of rig and devices, as against the computer's clock."""
 
     def capture(self) -> Path:
         """A bundle of two directions ahead. The servos of these tests do not swing."""
@@ -117,19 +129,43 @@ class Silent:
 
 @contextlib.contextmanager
 def quick_rig(
-    world: World, folder: Path, faults: Sequence[Fault] = (), dem_paths: Sequence[Path] = ()
+    world: World,
+    folder: Path,
+    faults: Sequence[Fault] = (),
+    dem_paths: Sequence[Path] = (),
+    *,
+    in_this_process: bool = False,
 ) -> Iterator[Quick]:
-    """A rig with a fault script and a configuration that asks for a quick capture; with ``dem_paths`` for a daemon, too."""
+    """A rig with a fault script and a configuration that asks for a quick capture; with ``dem_paths`` for a daemon, too.
+
+    With ``in_this_process`` the devices and ``rig`` in this process run ``SPEED`` times as fast as the computer's clock.
+    """
     said: list[str] = []
     bundles = folder / "bundles"
-    with simulated_rig(
-        world, picture=hills, bundle_dir=bundles, faults=faults, say=said.append, dem_paths=dem_paths
-    ) as rig:
+    speed = SPEED if in_this_process else 1.0
+    with contextlib.ExitStack() as running:
+        if in_this_process:
+            patch = running.enter_context(pytest.MonkeyPatch.context())
+            patch.setattr("rig.devices.dynamixel.servo_bus._TURNAROUND_S", 0.15 * SPEED)
+            running.enter_context(on(FastClock(SPEED)))
+        rig = running.enter_context(
+            simulated_rig(
+                world,
+                picture=hills,
+                bundle_dir=bundles,
+                faults=faults,
+                say=said.append,
+                dem_paths=dem_paths,
+                speed=speed,
+            )
+        )
         text = rig.config_path.read_text()
         for section, keys in HASTE.items():
             text = text.replace(section + "\n", f"{section}\n{keys}\n")
+        for limit, longer in AT_SPEED.items() if in_this_process else ():
+            text = text.replace(limit, longer)
         rig.config_path.write_text(text + CAPTURE)
-        yield Quick(world, rig, bundles, said)
+        yield Quick(world, rig, bundles, said, speed)
 
 
 def open_descriptors() -> int:

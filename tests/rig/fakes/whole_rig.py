@@ -3,7 +3,6 @@
 The servos' registers say where the head is; sensors and camera see the world from there.
 """
 
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -14,6 +13,8 @@ import pytest
 
 from fakes.mjpeg_camera import MjpegServer, mjpeg_server
 from fakes.servos import POSITION, TORQUE, FakeServo, FakeServoBus
+from fakes.timebases import FastClock, on
+from rig import timebase
 from rig.attitude.kinematics import Attitude, JointAngles, camera_rotation, head_rotation, pan_stage_rotation
 from rig.config.model import RigConfig
 from rig.devices.readings import AccelerationReading, FieldReading, PressureReading
@@ -22,6 +23,10 @@ from rig.devices.sensors.reconnecting import ReconnectingSensor
 WIDTH_PX, HEIGHT_PX, FOCAL_PX = 160, 120, 124.0
 DECLINATION_DEG = 13.0
 ZERO_TICK = 2048
+SPEED = 5.0
+"""How much faster than the computer's clock the rig and its devices run."""
+PATIENCE_S = 60.0
+"""Of the rig's clock, for what shall not fail: the computer may be busy with other things."""
 
 
 def rolling_hills_deg(azimuth_deg: np.ndarray) -> np.ndarray:
@@ -95,28 +100,31 @@ class FakeInclinometer(FakeSensor):
         self.rig.readings_taken += 1
         samples = []
         for _ in range(24):
-            now_s = time.monotonic()
+            now_s = timebase.monotonic_s()
             swing_deg = self.rig.swing_deg if now_s < self.rig.swing_until_s else 0.0
             head = head_rotation(self.rig.base, self.rig.joints())
             up = head.T @ np.array([0.0, 0.0, 1.0])
             up[0] -= np.sin(np.radians(self.rig.roll_zero_deg + swing_deg * np.sin(now_s * 19.0)))
             samples.append(AccelerationReading(*up.tolist(), 20.0, now_s, datetime.now(UTC)))
-            time.sleep(duration_s / 24)
+            timebase.sleep(duration_s / 24)
         return samples
 
 
 class FakeCompass(FakeSensor):
     def read_many(self, duration_s: float) -> list[FieldReading]:
+        timebase.sleep(duration_s)
         self.rig.compass_readings += 1
         d = np.radians(DECLINATION_DEG - self.rig.compass_off_deg(self.rig.compass_readings))
         field_ut = np.array([22.0 * np.sin(d), 22.0 * np.cos(d), -43.0])
         x, y, z = pan_stage_rotation(self.rig.base, self.rig.joints().pan_deg).T @ field_ut
-        return [FieldReading(x, y, z, (0.0, 0.0, 0.0), 20.0, time.monotonic(), datetime.now(UTC))] * 3
+        return [FieldReading(x, y, z, (0.0, 0.0, 0.0), 20.0, timebase.monotonic_s(), datetime.now(UTC))] * 3
 
 
 class FakeBarometer(FakeSensor):
     def read_many(self, duration_s: float) -> list[PressureReading]:
-        return [PressureReading(self.rig.pressure_hpa, 20.0, time.monotonic(), datetime.now(UTC))] * 3
+        timebase.sleep(duration_s)
+        now_s, utc = timebase.monotonic_s(), datetime.now(UTC)
+        return [PressureReading(self.rig.pressure_hpa, 20.0, now_s, utc)] * 3
 
 
 @dataclass(frozen=True)
@@ -137,7 +145,7 @@ class RunningRig:
             "pan_tilt": {
                 "port": self.servos.path,
                 "baud": 1_000_000,
-                "settle_timeout_s": 3.0,
+                "settle_timeout_s": PATIENCE_S,
                 "pan": {"id": 1, "min_deg": -178.0, "max_deg": 178.0, **joint},
                 "tilt": {"id": 2, "min_deg": -40.0, "max_deg": 60.0, **joint},
             },
@@ -160,7 +168,7 @@ class RunningRig:
                 "cy_px": (HEIGHT_PX - 1) / 2,
                 "frames_per_direction": 2,
                 "exposure_settle_s": 0.02,
-                "read_timeout_s": 1.0,
+                "read_timeout_s": PATIENCE_S,
             },
             "capture": {"base_attitude_pan_angles_deg": [-120.0, 0.0, 120.0]},
         }
@@ -179,7 +187,7 @@ class RunningRig:
 def running_rig(monkeypatch: pytest.MonkeyPatch, rig: FakeRig) -> Iterator[RunningRig]:
     """Serve ``rig``; what opens sensors in the code under test opens the fakes."""
     # These servos are a thread of this process, which waits for its turn where the computer is busy.
-    monkeypatch.setattr("rig.devices.dynamixel.servo_bus._TURNAROUND_S", 0.3)
+    monkeypatch.setattr("rig.devices.dynamixel.servo_bus._TURNAROUND_S", 0.3 * SPEED)
     sensors = (
         FakeInclinometer(rig, "inclinometer"),
         FakeCompass(rig, "compass"),
@@ -190,5 +198,9 @@ def running_rig(monkeypatch: pytest.MonkeyPatch, rig: FakeRig) -> Iterator[Runni
         for name, sensor in zip(names, sensors, strict=True):
             monkeypatch.setattr(f"{module}.{name}", lambda section, s=sensor: ReconnectingSensor(lambda: s))
     monkeypatch.setattr("rig.devices.pan_tilt._STILL_S", 0.05)  # these servos do not swing
-    with FakeServoBus(rig.pan, rig.tilt) as servos, mjpeg_server(rig.picture, rate_hz=40.0) as camera:
+    with (
+        on(FastClock(SPEED)),
+        FakeServoBus(rig.pan, rig.tilt) as servos,
+        mjpeg_server(rig.picture, rate_hz=100.0) as camera,
+    ):
         yield RunningRig(rig, servos, camera, sensors)

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from fakes.bundle import write_one
 from fakes.command import Run, one_line, written
-from fakes.whole_rig import RunningRig
+from fakes.whole_rig import SPEED, RunningRig
 
 from localizer.bundle import Bundle, load_bundle
 from rig.series import run as series_run
@@ -45,7 +45,7 @@ def test_a_series_goes_on_after_a_failure(run: Run, running: RunningRig, tmp_pat
     def overload_once() -> None:
         if running.rig.readings_taken == 2:
             running.rig.pan.registers[70] = 0x20
-            threading.Timer(3.0, running.rig.pan.registers.__setitem__, (70, 0)).start()
+            threading.Timer(3.0 / SPEED, running.rig.pan.registers.__setitem__, (70, 0)).start()
 
     running.rig.before_reading = overload_once
     options = "--config", written(running, tmp_path), "--directions", "E", "--repeat", "2", "--every", "6"

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+import rig.service.install  # noqa: F401 - it takes names from `files` when first imported, perhaps those of a test
 from rig.commands.cli import main
 from rig.config.load import load_config
 from rig.errors import RigError

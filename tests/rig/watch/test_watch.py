@@ -16,6 +16,7 @@ from fakes.servos import TORQUE
 from fakes.whole_rig import RunningRig
 from rich.console import Console
 
+from rig import timebase
 from rig.errors import TransientError
 from rig.watch import text
 from rig.watch.attitudes import Attitudes, attitudes
@@ -42,7 +43,7 @@ def test_once_everything_that_is_read(run: Run, running: RunningRig, tmp_path: P
     running.rig.pan.put(132, 4, 2048 + 512)
     running.rig.pan.put(116, 4, 2048 + 512)
     running.rig.pan.registers[TORQUE] = 1
-    config = written(running, tmp_path, camera={"read_timeout_s": 20.0})
+    config = written(running, tmp_path)
     status, out, err = run("watch", "--config", config, "--once", "--json")
     found = json.loads(out)
     assert [device["problem"] for device in found["devices"].values()] == [None] * 5
@@ -114,7 +115,7 @@ def test_ctrl_c_is_the_ordinary_end(run: Run, running: RunningRig, tmp_path: Pat
     def interrupt() -> None:
         while running.rig.readings_taken < 2:
             time.sleep(0.02)
-        time.sleep(1.5)
+        timebase.sleep(1.5)
         os.kill(os.getpid(), signal.SIGINT)
 
     threading.Thread(target=interrupt, daemon=True).start()
@@ -145,7 +146,7 @@ def test_a_device_that_fails_is_opened_again_until_it_is_back(monkeypatch: pytes
             time.sleep(0.01)
             if broken.is_set():
                 raise TransientError("compass", "fell silent", "look at its cable")
-            return Reading({"heading_deg": 1.0, "reference": "true"}, time.monotonic())
+            return Reading({"heading_deg": 1.0, "reference": "true"}, timebase.monotonic_s())
 
         yield Source("a compass", read)
 
@@ -166,7 +167,7 @@ def test_a_device_that_fails_is_opened_again_until_it_is_back(monkeypatch: pytes
 
 def test_a_reading_that_grows_old_is_a_problem_and_stands_for_nothing(running: RunningRig) -> None:
     old = Reading(
-        {"tilt_deg": 1.0, "roll_deg": 2.0, "noise_deg": 0.0}, time.monotonic() - STALE_AFTER_S - 1.0
+        {"tilt_deg": 1.0, "roll_deg": 2.0, "noise_deg": 0.0}, timebase.monotonic_s() - STALE_AFTER_S - 1.0
     )
     status = DeviceStatus("inclinometer", "ok", "chip", old, None, 0).with_staleness()
     assert status.state == "silent"
@@ -185,7 +186,7 @@ def test_the_table_of_a_terminal() -> None:
         "temperatures_c": [31.0, 42.0],
     }
     statuses = [
-        DeviceStatus("head", "ok", "two servos", Reading(values, time.monotonic()), None, 0),
+        DeviceStatus("head", "ok", "two servos", Reading(values, timebase.monotonic_s()), None, 0),
         DeviceStatus("compass", "failing", "", None, "NMEA compass: nothing arrives; check its power", 3),
     ]
     console = Console(record=True, width=120, file=io.StringIO())
