@@ -10,7 +10,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: demo test test-all test-system test-wheel examples notebook evaluate docs reference figures lint format clean
+# For make answers: the cases, by kind or name, as ONLY="twins drive/hills*"; all unless given.
+ONLY ?=
+
+.PHONY: demo test test-all test-system test-wheel examples notebook answers freeze-answers evaluate docs reference figures lint format clean
 
 demo: $(READY)
 	$(BIN)/sim demo --seed $(SEED) --out demo
@@ -37,6 +40,15 @@ notebook: $(READY)
 # The wheel: built, installed into an environment of its own, and used from another folder. Compiles the kernels anew.
 test-wheel: $(READY)
 	$(BIN)/pytest tests/packaging -m long
+
+# What the search answers now to some 300 cases, against the frozen answers; and these anew.
+ANSWERS = set -f; PYTHONPATH=tests/answers $(BIN)/python -m frozen_answers --jobs $(JOBS)
+
+answers: $(READY)
+	@$(ANSWERS) $(ONLY)
+
+freeze-answers: $(READY)
+	@$(ANSWERS) $(ONLY) --freeze
 
 EVALUATE = $(BIN)/sim evaluate $(addprefix --dem ,$(DEMS)) --seed $(SEED) --jobs $(JOBS)
 SCENARIOS = $(sort $(basename $(notdir $(wildcard configs/scenarios/evaluate/*.toml))))

@@ -108,7 +108,7 @@ def test_frozen_answers_are_the_same_when_computed_again(command, results, tmp_p
 def test_a_difference_is_shown_and_ends_with_1(command, tmp_path):
     command(*QUICK, "--freeze")
     frozen = tmp_path / "answers.jsonl"
-    frozen.write_text(frozen.read_text().replace("too few", "too many"))
+    frozen.write_text(frozen.read_text().replace("too few", "too many", 1))
     status, out, _ = command(*QUICK)
     assert status == 1
     assert "ground/tiny-2" in out

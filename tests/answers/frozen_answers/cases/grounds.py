@@ -11,15 +11,23 @@ from frozen_answers.ground import Grid, Ground, hills, moved, with_error, with_v
 from frozen_answers.inputs import Question
 from frozen_answers.looks import Rig, contours, place
 
-SIDE = 180
+SIDE = 150
 
 
 def elsewhere(
-    folder: Path, *, crs: str, west: float, north: float, cell: float, cell_ns: float | None = None, seed: int
+    folder: Path,
+    *,
+    crs: str,
+    west: float,
+    north: float,
+    cell: float,
+    cell_ns: float | None = None,
+    margin_m: float = 500.0,
+    seed: int,
 ) -> Question:
     """The hills in another CRS, or another part of the Earth."""
     grid = moved(hills(SIDE, 300, 200), crs, west, north, cell, cell_ns)
-    return _seen(grid, Ground((grid,)), folder, seed)
+    return _seen(grid, Ground((grid,)), folder, seed, margin_m)
 
 
 def cells(folder: Path, *, every: int, seed: int, side: int = 100) -> Question:
@@ -87,13 +95,13 @@ def cut(folder: Path, *, beyond_cells: float, seed: int) -> Question:
 def around(folder: Path, *, reach: int, seed: int) -> Question:
     """So many cells in each direction from the camera, and no more."""
     grid = hills(SIDE, 300, 200)
-    world = place(grid, folder, seed=seed, margin_m=31.0 * (reach + 2))
+    world = place(grid, folder, seed=seed, margin_m=31.0 * (reach + 2), enclosed=0.3)
     row, col = round(world.place.row), round(world.place.col)
     searched = grid.piece(slice(row - reach, row + reach + 1), slice(max(col - reach, 0), col + reach + 1))
     return Question(Ground((searched,)), (contours(world, Rig(), seed),))
 
 
-def shaped(folder: Path, *, shape: str, seed: int, side: int = 90) -> Question:
+def shaped(folder: Path, *, shape: str, seed: int, side: int = 50) -> Question:
     """Surfaces of which all places, or whole lines of them, look alike."""
     row, col = np.mgrid[:side, :side].astype(np.float64)
     y, x = row - side / 2, col - side / 2
@@ -119,8 +127,8 @@ def tiny(folder: Path, *, side: int, seed: int) -> Question:
     return Question(Ground((searched,)), (contours(world, Rig(), seed),))
 
 
-def _seen(grid: Grid, searched: Ground, folder: Path, seed: int) -> Question:
-    world = place(grid, folder, seed=seed)
+def _seen(grid: Grid, searched: Ground, folder: Path, seed: int, margin_m: float = 500.0) -> Question:
+    world = place(grid, folder, seed=seed, margin_m=margin_m)
     return Question(searched, (contours(world, Rig(), seed),))
 
 
@@ -159,12 +167,11 @@ CASES = {
     "lambert-france": partial(elsewhere, crs="EPSG:2154", west=950_000, north=6_500_000, cell=30.0, seed=17),
     "laea-europe": partial(elsewhere, crs="EPSG:3035", west=4_100_000, north=2_600_000, cell=30.0, seed=18),
     "swiss": partial(elsewhere, crs="EPSG:2056", west=2_600_000, north=1_130_000, cell=30.0, seed=19),
-    "austria-bessel": partial(elsewhere, crs="EPSG:31254", west=20_000, north=5_220_000, cell=30.0, seed=20),
-    "us-feet": partial(elsewhere, crs="EPSG:2227", west=6_050_000, north=1_950_000, cell=100.0, seed=21),
-    "narrow-cells": partial(
-        elsewhere, crs="EPSG:32610", west=560_000, north=4_140_000, cell=20.0, cell_ns=40.0, seed=22
+    "britain-airy": partial(elsewhere, crs="EPSG:27700", west=220_000, north=360_000, cell=30.0, seed=20),
+    "new-zealand": partial(elsewhere, crs="EPSG:2193", west=1_300_000, north=5_100_000, cell=30.0, seed=20),
+    "fine-cells-5-m": partial(
+        elsewhere, crs="EPSG:32610", west=560_000, north=4_140_000, cell=5.0, margin_m=100.0, seed=23
     ),
-    "fine-cells-5-m": partial(elsewhere, crs="EPSG:32610", west=560_000, north=4_140_000, cell=5.0, seed=23),
     "coarse-cells-100-m": partial(
         elsewhere, crs="EPSG:32610", west=560_000, north=4_140_000, cell=100.0, seed=24
     ),
@@ -178,8 +185,8 @@ CASES = {
     },
     **{f"heights-times-{factor:g}": partial(scaled, factor=factor, seed=51) for factor in (0.2, 2.5, 5.0)},
     **{f"voids-{share:g}": partial(holes, share=share, seed=60) for share in (0.001, 0.02, 0.3, 0.9)},
-    "void-patch": partial(holes, share=0.0, seed=61, patch=(20, 70, 60, 140)),
-    "void-half": partial(holes, share=0.0, seed=62, patch=(0, 180, 90, 180)),
+    "void-patch": partial(holes, share=0.0, seed=61, patch=(20, 70, 60, 120)),
+    "void-half": partial(holes, share=0.0, seed=62, patch=(0, 150, 75, 150)),
     **{
         f"void-around-camera-{reach}": partial(voids_around_the_camera, reach=reach, seed=63)
         for reach in (0, 2, 8)

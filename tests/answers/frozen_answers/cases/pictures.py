@@ -70,5 +70,5 @@ CASES = {
     "no-altitude": partial(rendered, seed=35, rig=Rig(lens=SMALL, altitude_sigma_m=None)),
     "no-compass": partial(rendered, seed=36, rig=Rig(lens=SMALL, azimuth_bias_sigma_deg=180.0)),
     "prior": partial(rendered, seed=37, around_m=800.0),
-    "another-dem": partial(rendered, seed=38, searched=Ground((hills(200, 600, 600),))),
+    "another-dem": partial(rendered, seed=38, searched=Ground((hills(80, 700, 700),))),
 }

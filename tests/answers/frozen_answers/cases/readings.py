@@ -21,7 +21,7 @@ def measured(
     off_deg: tuple[float, float] = (0.0, 0.0),
 ) -> Question:
     """``around_m``, ``off_deg``: a circle beside the camera."""
-    grid = hills(200, 280, 180)
+    grid = hills(150, 300, 200)
     rig = rig or Rig()
     world = place(grid, folder, seed=seed, rig=rig)
     prior = circle(world, around_m, off_deg) if around_m else None

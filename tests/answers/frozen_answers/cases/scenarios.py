@@ -17,7 +17,9 @@ from sim.evaluate.twins import draw_twins
 from sim.world.surface import Surface
 from sim.world.terrain import read_terrain
 
-SEEDS = 4
+SEEDS = (1, 2, 3, 4)
+FEWER = {"outside": (3,)}
+"""A search that finds nothing takes ten times as long."""
 SIDE = 240
 TWIN_CELLS = 220
 EVERY_COLUMN, EVERY_THIRD = 1, 3
@@ -88,5 +90,5 @@ def _look(truth: Truth, scenario: EvaluationScenario, seed: int, every: int) -> 
     return Look(observation_of(truth, scenario, columns_px, disturbed), (float(lon_deg), float(lat_deg)))
 
 
-CASES = {f"{name}/{seed}": partial(piece, name, seed) for name in NAMES for seed in range(1, SEEDS + 1)}
+CASES = {f"{name}/{seed}": partial(piece, name, seed) for name in NAMES for seed in FEWER.get(name, SEEDS)}
 CASES |= {f"{name}/whole": partial(whole, name) for name in NAMES}

@@ -57,19 +57,19 @@ def one_above_the_other(folder: Path, *, seed: int) -> Question:
 
 
 CASES = {
-    **{f"two/{seed}": partial(valleys, seed=seed, stands_in=seed % 2) for seed in range(1, 7)},
-    **{f"three/{seed}": partial(valleys, seed=seed, copies=3, stands_in=seed % 3) for seed in range(11, 16)},
-    **{f"two-apart/{seed}": partial(valleys, seed=seed, gap=True, stands_in=1) for seed in range(21, 24)},
+    **{f"two/{seed}": partial(valleys, seed=seed, stands_in=seed % 2) for seed in (1, 2, 3)},
+    **{f"three/{seed}": partial(valleys, seed=seed, copies=3, stands_in=seed % 3) for seed in (11, 12)},
+    **{f"two-apart/{seed}": partial(valleys, seed=seed, gap=True, stands_in=1) for seed in (21,)},
     **{
         f"three-hillock/{seed}": partial(
             valleys, seed=seed, copies=3, stands_in=seed % 3, hillock_in=(seed % 2, 2)
         )
-        for seed in range(31, 35)
+        for seed in (31, 32)
     },
     **{
         f"relief-{relief:g}-m/{seed}": partial(valleys, seed=seed, stands_in=seed % 2, relief_m=relief)
         for relief in (1.0, 3.0, 10.0)
-        for seed in (41, 42, 43)
+        for seed in (41, 42)
     },
     **{
         f"noise-{px:g}-px": partial(valleys, seed=51, stands_in=1, rig=Rig(contour_px=px))
