@@ -202,7 +202,11 @@ def test_last_bits_of_the_inputs_change_nothing():
 
 def test_a_fix_far_from_the_truth_is_said_first():
     assert judged(FIX, other_place(FIX, 700.0)).alarm == "a fix 700 m from the truth"
-    assert judged(FIX, changed(off_m=4.0)).alarm is None
+    assert judged(FIX, changed(off_m=59.0)).alarm is None  # two cells
+    assert judged(FIX, changed(off_m=61.0)).alarm is not None
+    assert (
+        judged(FIX, changed(off_m=61.0, covariance_m2=(64.0, 0.0, 64.0))).alarm is None
+    )  # 5.4 of its sigmas of 11 m
     assert (
         judged(other_place(FIX, 700.0), other_place(FIX, 700.0)).alarm is None
     )  # it was one when it was frozen

@@ -39,8 +39,8 @@ MEANING: dict[Explanation, str] = {
 }
 ANOTHER_SIGMAS = 10.0
 """A place so far away is another optimum."""
-WRONG_SIGMAS = 10.0
-"""A fix so far from the truth is a wrong one."""
+WRONG_SIGMAS, WRONG_M = 10.0, 60.0
+"""A fix is wrong if it is farther than both from the truth. Most cases have cells of 30 m."""
 
 
 def explanation(
@@ -99,8 +99,8 @@ def alarm(frozen: Sequence[Answer], now: Sequence[Answer]) -> str | None:
 
 
 def is_wrong_fix(answer: Answer) -> bool:
-    """Whether a fix is far from the truth by its own covariance."""
+    """Whether a fix is far from the truth, in metres and by its own covariance."""
     if answer.status != "fix" or answer.off_m is None or answer.covariance_m2 is None:
         return False
     east, _, north = answer.covariance_m2
-    return answer.off_m > WRONG_SIGMAS * float(np.sqrt(east + north))
+    return answer.off_m > max(WRONG_SIGMAS * float(np.sqrt(east + north)), WRONG_M)
