@@ -10,7 +10,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: demo test test-all test-nightly test-system test-wheel examples notebook evaluate mutate docs reference figures lint format clean
+# For make answers: the cases, by kind or name, as ONLY="twins drive/hills*"; all unless given.
+ONLY ?=
+
+.PHONY: demo test test-all test-nightly test-system test-wheel examples notebook answers freeze-answers evaluate mutate docs reference figures lint format clean
 
 demo: $(READY)
 	$(BIN)/sim demo --seed $(SEED) --out demo
@@ -49,6 +52,15 @@ test-wheel: $(READY)
 # Puts small faults into modules and sees whether their tests notice; without MODULES into those that changed since their score.
 mutate: $(READY)
 	PYTHONPATH=tests/mutation $(BIN)/python -m mutate --jobs $(JOBS) $(MODULES)
+
+# What the search answers now to some 300 cases, against the frozen answers; and these anew.
+ANSWERS = set -f; PYTHONPATH=tests/answers $(BIN)/python -m frozen_answers --jobs $(JOBS)
+
+answers: $(READY)
+	@$(ANSWERS) $(ONLY)
+
+freeze-answers: $(READY)
+	@$(ANSWERS) $(ONLY) --freeze
 
 EVALUATE = $(BIN)/sim evaluate $(addprefix --dem ,$(DEMS)) --seed $(SEED) --jobs $(JOBS)
 SCENARIOS = $(sort $(basename $(notdir $(wildcard configs/scenarios/evaluate/*.toml))))
