@@ -156,7 +156,7 @@ def test_a_bmp390_measures_right_whatever_was_left_on(left: list[tuple[int, int]
     chip = fake_bmp3.Bmp3(
         "bmp390", lambda: pressure_pa[0], lambda: 22.0, clock=time.monotonic, rng=np.random.default_rng(1)
     )
-    time.sleep(0.005)
+    time.sleep(0.012)
     write(chip, *left)
     time.sleep(0.05)
     pressure_pa[0] = 95_000.0
