@@ -135,6 +135,31 @@ def test_a_measurement_that_does_not_end_is_given_up(chip, sensor, monkeypatch):
         sensor.read()
 
 
+@pytest.mark.parametrize(
+    ("field_counts", "is_refused"), [(0, True), (160, True), (168, False), (-168, False)]
+)
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_chip_on_which_set_and_reset_make_no_difference_is_not_believed(
+    chip, sensor, field_counts, is_refused, axis
+):
+    """Its coil is broken. The Earth's field has 22 uT; below 1 uT, 164 counts, on all axes it is not measured."""
+    chip.field_counts = tuple(field_counts if i == axis else 0 for i in range(3))
+    if is_refused:
+        with pytest.raises(TransientError, match="SET and RESET make no difference"):
+            sensor.read()
+    else:
+        assert sensor.read().offset_ut == pytest.approx((3.05, 48.83, -48.83), abs=0.01)
+
+
+def test_a_chip_that_ignores_reset_is_not_believed(chip, sensor):
+    chip._written = lambda register, value: FakeMmc5983ma._written(
+        chip, register, value & ~0x10 if register == 0x09 else value
+    )
+    chip.on_write = chip._written
+    with pytest.raises(TransientError, match="SET and RESET make no difference"):
+        sensor.read()
+
+
 @pytest.mark.parametrize("counts", [200_000, -200_000])
 def test_a_saturating_magnet_is_reported(chip, sensor, counts):
     chip.field_counts = (counts, 0, 0)
