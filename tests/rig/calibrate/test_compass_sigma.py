@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from rig.attitude.heading import VehicleIron
 from rig.calibrate.compass.fit import _heading_sigma_deg, _require_explained, _require_plausible, fit_compass
 from rig.calibrate.compass.model import CompassModel, EarthField, Iron, VehicleStop
 from rig.config.calibration_files import CalibrationError
-from rig.attitude.heading import VehicleIron
 
 EARTH = EarthField(23.5, 42.0, 0.0)
 STAGE_X, STAGE_Z, VEHICLE_X, VEHICLE_Y, HORIZONTAL, DOWN = 6, 8, 14, 15, 16, 17

@@ -312,14 +312,3 @@ def test_iis2iclx_that_stays_in_reset_is_given_up(iis, monkeypatch):
     iis.on_read = None
     with pytest.raises(TransientError, match="the reset took longer"):
         Iis2iclx(FakeI2cBus({0x6A: iis}))
-
-
-@pytest.mark.parametrize(
-    ("noise_density_ug", "sample_s", "low_pass_hz"), [(22.5, 1 / 62.5, 15.6), (15.0, 1 / 52, 13.0)]
-)
-def test_a_mean_of_one_second_is_quieter_than_0_005_degrees_even_if_every_other_sample_is_missed(
-    noise_density_ug, sample_s, low_pass_hz
-):
-    sample_ug = noise_density_ug * math.sqrt(low_pass_hz * math.pi / 2)
-    mean_ug = sample_ug / math.sqrt(1.0 / (2 * sample_s))
-    assert math.degrees(mean_ug * 1e-6) < 0.005
