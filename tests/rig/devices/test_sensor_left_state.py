@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fakes.clock import TRANSFER_S, FakeClock
 from fakes.simulated import quick_rig
 
 from rig.attitude.altitude_plausibility import AltitudeBounds, altitude_bounds, require_plausible_altitude
@@ -33,6 +34,11 @@ from sim.world.scenario import Altimeter, CameraOptics, Inclinometer, Scenario, 
 from sim.world.truth import World
 
 
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> FakeClock:
+    return FakeClock(monkeypatch)
+
+
 class Bus:
     """One simulated chip on a bus."""
 
@@ -44,6 +50,7 @@ class Bus:
 
     def transfer(self, address: int, write: bytes, read_length: int) -> bytes:
         assert address == self._chip.address
+        time.sleep(TRANSFER_S)
         return self._chip.transfer(write, read_length)
 
     def close(self) -> None:
@@ -66,6 +73,7 @@ def write(chip: I2cChip, *registers: tuple[int, int]) -> None:
         chip.transfer(bytes([register, value]), 0)
 
 
+@pytest.mark.usefixtures("clock")
 @pytest.mark.parametrize("tilt_deg", [0.0, 14.7, -30.0])
 def test_a_relative_of_the_iis2iclx_with_its_identity_is_refused(tilt_deg: float) -> None:
     chip = accelerometer(fake_iis2iclx.Ism330dhcx, tilted(tilt_deg, 5.0))
@@ -73,12 +81,14 @@ def test_a_relative_of_the_iis2iclx_with_its_identity_is_refused(tilt_deg: float
         Iis2iclx(Bus(chip))
 
 
+@pytest.mark.usefixtures("clock")
 @pytest.mark.parametrize("tilt_deg", [0.0, 14.7, -14.7, 45.0])
 def test_an_iis2iclx_is_none_at_any_tilt(tilt_deg: float) -> None:
     chip = Iis2iclx(Bus(accelerometer(fake_iis2iclx.Iis2iclx, tilted(tilt_deg))))
     assert math.degrees(math.asin(chip.read().y_g)) == pytest.approx(tilt_deg, abs=0.1)
 
 
+@pytest.mark.usefixtures("clock")
 @pytest.mark.parametrize("left_range", [0x01, 0x02, 0x03])
 def test_an_adxl357_which_has_the_identity_of_the_adxl355_is_refused(left_range: int) -> None:
     chip = accelerometer(fake_adxl355.Adxl357, tilted(20.0))
@@ -98,6 +108,7 @@ IIS_LEFT = {
 }
 
 
+@pytest.mark.usefixtures("clock")
 @pytest.mark.parametrize("left", IIS_LEFT.values(), ids=IIS_LEFT)
 def test_an_iis2iclx_measures_right_whatever_was_left_on(left: list[tuple[int, int]]) -> None:
     chip = accelerometer(fake_iis2iclx.Iis2iclx, tilted(10.0))
@@ -115,6 +126,7 @@ ADXL_LEFT = {
 }
 
 
+@pytest.mark.usefixtures("clock")
 @pytest.mark.parametrize("left", ADXL_LEFT.values(), ids=ADXL_LEFT)
 def test_an_adxl355_measures_right_whatever_was_left_on(left: list[tuple[int, int]]) -> None:
     chip = accelerometer(fake_adxl355.Adxl355, tilted(10.0))
@@ -131,6 +143,7 @@ MMC_LEFT = {
 }
 
 
+@pytest.mark.usefixtures("clock")
 @pytest.mark.parametrize("left", MMC_LEFT.values(), ids=MMC_LEFT)
 def test_an_mmc5983ma_measures_right_whatever_was_left_on(left: list[tuple[int, int]]) -> None:
     field = np.array([20.0, -15.0, 40.0])
@@ -150,6 +163,7 @@ BMP_LEFT = {
 }
 
 
+@pytest.mark.usefixtures("clock")
 @pytest.mark.parametrize("left", BMP_LEFT.values(), ids=BMP_LEFT)
 def test_a_bmp390_measures_right_whatever_was_left_on(left: list[tuple[int, int]]) -> None:
     pressure_pa = [101_000.0]
@@ -178,6 +192,7 @@ def test_ms5607_compensation_is_that_of_the_data_sheets_example() -> None:
     assert ms5611.compensate(coefficients, 6465444, 8077636, "ms5607") == (110002, 2000)
 
 
+@pytest.mark.usefixtures("clock")
 @pytest.mark.parametrize("temperature_c", [22.0, 5.0, -25.0])
 def test_an_ms5607_reads_pressure_and_temperature(temperature_c: float) -> None:
     sensor = Ms5611(Bus(barometer(fake_ms5611.Ms5607, 946.0, temperature_c)), model="ms5607")
@@ -187,6 +202,7 @@ def test_an_ms5607_reads_pressure_and_temperature(temperature_c: float) -> None:
     assert sensor.identify() == "MS5607 at 0x77 on bus"
 
 
+@pytest.mark.usefixtures("clock")
 def test_an_ms5607_read_as_an_ms5611_gives_half_the_pressure() -> None:
     """Which the chip itself cannot tell; where it is, does."""
     assert Ms5611(Bus(barometer(fake_ms5611.Ms5607, 946.0))).read().pressure_hpa == pytest.approx(
