@@ -6,6 +6,7 @@ from functools import partial
 
 import pytest
 from fakes.chips import FakeI2cBus, RegisterChip
+from fakes.clock import FakeClock
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -31,6 +32,11 @@ BMP3_GOLDEN = [
         100548.40477814537,
     ),
 ]
+
+
+@pytest.fixture(autouse=True)
+def clock(monkeypatch: pytest.MonkeyPatch) -> FakeClock:
+    return FakeClock(monkeypatch)
 
 
 @pytest.mark.parametrize(("trim", "data", "temperature_c", "pressure_pa"), BMP3_GOLDEN)

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 from fakes.chips import FakeI2cBus, RegisterChip
+from fakes.clock import FakeClock
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -17,6 +18,11 @@ from rig.devices.sensors.adxl355 import Adxl355
 from rig.devices.sensors.iis2iclx import Iis2iclx
 from rig.errors import DeviceError, TransientError, WrongDeviceError
 from rig.fault_notes import collecting
+
+
+@pytest.fixture(autouse=True)
+def clock(monkeypatch: pytest.MonkeyPatch) -> FakeClock:
+    return FakeClock(monkeypatch)
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 from fakes.chips import FakeI2cBus, RegisterChip
+from fakes.clock import FakeClock
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -13,6 +14,11 @@ from rig.devices.sensors.mmc5983ma import Mmc5983ma, decode_field, decode_temper
 from rig.devices.sensors.sampling import MIN_READINGS
 from rig.errors import DeviceError, TransientError, WrongDeviceError
 from rig.fault_notes import collecting
+
+
+@pytest.fixture(autouse=True)
+def clock(monkeypatch: pytest.MonkeyPatch) -> FakeClock:
+    return FakeClock(monkeypatch)
 
 
 def registers_of(x: int, y: int, z: int) -> bytes:
