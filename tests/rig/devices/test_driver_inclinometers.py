@@ -148,6 +148,15 @@ def test_adxl355_refuses_another_chip(adxl, register, value):
         Adxl355(FakeI2cBus({0x1D: adxl}))
 
 
+def test_an_adxl359_is_named(adxl):
+    adxl.registers[0x02] = 0xE9
+    with pytest.raises(WrongDeviceError, match="instead of 0xED .0xE9 in 0x02 is an ADXL359.;"):
+        Adxl355(FakeI2cBus({0x1D: adxl}))
+    adxl.registers[0x01] = 0x00
+    with pytest.raises(WrongDeviceError, match="holds 0x00 instead of 0x1D;"):
+        Adxl355(FakeI2cBus({0x1D: adxl}))
+
+
 def test_adxl355_that_is_not_there_is_named():
     with pytest.raises(TransientError, match="ADXL355 at 0x53 on fake bus: does not acknowledge"):
         Adxl355(FakeI2cBus({}), 0x53)
@@ -295,6 +304,13 @@ def test_iis2iclx_refuses_saturation_and_more_than_gravity(iis, counts):
         Iis2iclx(FakeI2cBus({0x6A: iis})).read()
 
 
+def test_iis2iclx_refuses_saturation_on_either_side(iis):
+    for counts in ((-32768, 0), (32767, 0), (0, 32767), (0, -32768)):  # 1.016 g at 0.031 mg
+        iis.counts = counts
+        with pytest.raises(TransientError, match="implausible reading"):
+            Iis2iclx(FakeI2cBus({0x6A: iis})).read()
+
+
 def test_iis2iclx_refuses_an_impossible_temperature(iis):
     iis.temperature = -32768
     with pytest.raises(TransientError, match="-103 °C"):
@@ -303,7 +319,9 @@ def test_iis2iclx_refuses_an_impossible_temperature(iis):
 
 def test_a_mean_of_the_iis2iclx_does_without_its_temperature(iis):
     iis.temperature = -32768
-    readings = Iis2iclx(FakeI2cBus({0x6A: iis})).read_many(0.0)
+    with collecting() as faults:
+        readings = Iis2iclx(FakeI2cBus({0x6A: iis})).read_many(0.0)
+    assert {note.problem for note in faults.all()} == {"says -103 °C of itself"}
     assert all(math.isnan(reading.temperature_c) for reading in readings)
 
 

@@ -173,6 +173,24 @@ def test_a_saturating_magnet_is_reported(chip, sensor, counts):
         sensor.read()
 
 
+@pytest.mark.parametrize(
+    ("offset_ut", "is_refused"), [(190, False), (-190, False), (210, True), (-210, True)]
+)
+def test_a_field_that_saturates_after_set_or_after_reset_only_is_refused(chip, sensor, offset_ut, is_refused):
+    """600 uT on a bridge that is off by 200 reach the end of the range at 800 one way, and -400 the other."""
+    chip.field_counts = (round(600 * 163.84), 0, 0)
+    chip.offset_counts = (round(offset_ut * 163.84), 0, 0)
+    if is_refused:
+        with pytest.raises(TransientError, match="beyond ±8 G"):
+            sensor.read()
+    else:
+        assert sensor.read().x_ut == pytest.approx(600.0, abs=0.01)
+
+
+def test_it_is_reset_and_set_to_the_bandwidth_of_the_least_noise(chip, sensor):
+    assert chip.writes == [(0x0A, 0x80), (0x0A, 0x00)]
+
+
 def test_an_impossible_temperature_does_not_refuse_the_field(chip, sensor):
     chip.temperature = 0
     with collecting() as faults:
