@@ -150,7 +150,7 @@ def test_adxl355_refuses_another_chip(adxl, register, value):
 
 def test_an_adxl359_is_named(adxl):
     adxl.registers[0x02] = 0xE9
-    with pytest.raises(WrongDeviceError, match="instead of 0xED .0xE9 in 0x02 is an ADXL359.;"):
+    with pytest.raises(WrongDeviceError, match=r"instead of 0xED \(0xE9 in 0x02 is an ADXL359\);"):
         Adxl355(FakeI2cBus({0x1D: adxl}))
     adxl.registers[0x01] = 0x00
     with pytest.raises(WrongDeviceError, match="holds 0x00 instead of 0x1D;"):
