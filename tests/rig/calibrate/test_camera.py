@@ -6,7 +6,14 @@ import cv2
 import numpy as np
 import pytest
 
-from rig.calibrate.camera.fit import CameraFit, _require_plausible, coverage, fit_camera
+from rig.calibrate.camera.fit import (
+    CameraFit,
+    _require_plausible,
+    _require_views,
+    coverage,
+    coverage_grid,
+    fit_camera,
+)
 from rig.calibrate.camera.procedure import is_new, is_still, progress
 from rig.calibrate.camera.target import TargetView, charuco_board, parse_target
 from rig.config.calibration_files import CalibrationError
@@ -170,6 +177,67 @@ def test_only_a_still_target_in_a_new_position_is_taken() -> None:
     assert not is_new(one, [one], SIZE[0])
     assert not is_still(one, other)
     assert is_new(other, [one], SIZE[0])
+
+
+def corners(*at_px: tuple[float, float], name: str = "view") -> TargetView:
+    return TargetView(name, np.arange(len(at_px)), np.zeros((len(at_px), 3)), np.array(at_px))
+
+
+def test_a_corner_counts_in_the_cell_of_its_pixel() -> None:
+    """640 x 480 in 8 columns and 6 rows of 80 px; pixel 79 is the last of the first cell, its middle at 79.0."""
+    counts = coverage_grid([corners((79.4, 79.4), (79.6, 0.0)), corners((639.4, 479.4), (-0.4, 240.0))], SIZE)
+    assert counts.shape == (6, 8)
+    found = {(int(r), int(c)): int(counts[r, c]) for r, c in zip(*np.nonzero(counts), strict=True)}
+    assert found == {(0, 0): 1, (0, 1): 1, (5, 7): 1, (3, 0): 1}
+    assert coverage([corners((0.0, 0.0), (1.0, 1.0), (639.0, 479.0))], SIZE) == pytest.approx(2 / 48)
+
+
+def missing(columns: slice, rows: slice) -> list[TargetView]:
+    """Ten views with a corner in the middle of each cell but those."""
+    cells = np.ones((6, 8), bool)
+    cells[rows, columns] = False
+    at = [(80.0 * c + 39.5, 80.0 * r + 39.5) for r, c in zip(*np.nonzero(cells), strict=True)]
+    return [corners(*at, name=str(i)) for i in range(10)]
+
+
+@pytest.mark.parametrize(
+    ("shown", "said"),
+    [
+        (
+            missing(slice(0, 4), slice(0, 4)),
+            "covered 67% of the picture, 75% are needed.* most of all the upper left",
+        ),
+        (missing(slice(4, 8), slice(0, 4)), "the upper right"),
+        (missing(slice(4, 8), slice(2, 6)), "the lower right"),
+        (missing(slice(0, 4), slice(2, 6)), "the lower left"),
+        (missing(slice(0, 0), slice(0, 0))[:9], "found in 9 pictures only; take 10 or more"),
+    ],
+)
+def test_what_the_board_did_not_cover_is_said(shown: list[TargetView], said: str) -> None:
+    with pytest.raises(CalibrationError, match=said):
+        _require_views(shown, SIZE)
+
+
+def test_three_quarters_of_the_picture_in_ten_views_are_enough() -> None:
+    _require_views(missing(slice(0, 2), slice(0, 6)), SIZE)
+
+
+def test_two_blurred_views_of_twenty_five_are_left_out() -> None:
+    """Their corners are off by 2 px, the others' by 0.1."""
+    shown = views(25)
+    rng = np.random.default_rng(4)
+    for i in (3, 11):
+        blurred = shown[i].image_px + rng.normal(0.0, 2.0, shown[i].image_px.shape)
+        shown[i] = replace(shown[i], image_px=blurred)
+    fit = fit_camera(shown, SIZE)
+    assert fit.dropped == ("3", "11")
+    assert fit.views == 23
+    assert fit.rms_px == pytest.approx(0.14, abs=0.03)
+    assert (
+        len(fit.corners_px)
+        == len(fit.residuals_px)
+        == sum(len(v.ids) for v in shown) - sum(len(shown[i].ids) for i in (3, 11))
+    )
 
 
 def test_the_coverage_is_shown() -> None:

@@ -64,6 +64,37 @@ def test_readings_that_fit_three_times_worse_than_supposed_make_the_heading_thre
     assert better.heading_sigma_deg == pytest.approx(supposed.heading_sigma_deg, rel=0.1)
 
 
+@pytest.mark.parametrize(
+    ("pans_deg", "said"),
+    [
+        ([0.0, 70.0, 140.0, 200.0], None),
+        (
+            [0.0, 70.0, 140.0, 199.0],
+            "read at 4 pan angles through 199 deg only; take 4 or more through 200 deg",
+        ),
+        ([0.0, 120.0, 240.0], "read at 3 pan angles through 240 deg only"),
+    ],
+)
+def test_four_pan_angles_through_200_degrees_are_enough(pans_deg: list[float], said: str | None) -> None:
+    stops = turned(0.005)
+    model, empty = CompassModel(np.zeros(18), EARTH), np.empty((0, 3))
+    few = VehicleStop(0.0, 2.0, np.array(pans_deg), empty)
+    stops[5] = VehicleStop(0.0, 2.0, few.pan_deg, model.measured(np.radians(225.0), few))
+    if said is None:
+        assert fit_compass(stops, EARTH).heading_sigma_deg < 1.0
+    else:
+        with pytest.raises(CalibrationError, match=said):
+            fit_compass(stops, EARTH)
+
+
+def test_a_vehicle_that_was_not_turned_keeps_its_iron() -> None:
+    """2 uT of hard iron in 23.5, of which the field's strength tells the part along it, and what soft iron adds."""
+    fits = [fit_compass(turned(0.005)[: 2 * headings : 2], EARTH) for headings in (1, 4)]
+    assert fits[0].heading_sigma_deg > np.degrees(2.0 / 23.5) / np.sqrt(2.0)
+    assert fits[1].heading_sigma_deg < 1.0
+    assert (fits[1].headings_deg + 90.0) % 360.0 == pytest.approx([90.0, 180.0, 270.0, 0.0], abs=0.1)
+
+
 def test_a_quarter_of_a_microtesla_may_be_left() -> None:
     _require_explained(0.24)
     with pytest.raises(

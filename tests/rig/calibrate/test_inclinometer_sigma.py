@@ -11,6 +11,7 @@ from rig.calibrate.inclinometer.fit import (
     InclinometerFit,
     TiltReading,
     _require_plausible,
+    _require_turn,
     _sigmas_deg,
     fit_inclinometer,
 )
@@ -81,6 +82,17 @@ def test_the_known_drift_and_the_temperature_go_into_the_correction() -> None:
     assert (found.drift_mg_c, found.zero_temperature_c) == ((0.1, 0.2, 0.3), 21.0)
     cold = [replace(reading, temperature_c=None) for reading in still(1e-5)]
     assert fit_inclinometer(cold, 0.1).correction.zero_temperature_c == 20.0
+
+
+def test_six_pan_angles_ten_degrees_apart_through_half_a_turn_are_enough() -> None:
+    enough = [0.0, 10.1, 20.2, 30.3, 40.4, 180.0]
+    _require_turn(enough[::-1])
+    with pytest.raises(CalibrationError, match="5 pan angles are too few"):
+        _require_turn([0.0, 9.9, 20.2, 30.3, 40.4, 180.0])
+    with pytest.raises(
+        CalibrationError, match="the pan turned through 179 deg only; turn it through 180 or more"
+    ):
+        _require_turn([*enough[:-1], 179.0])
 
 
 GOOD = InclinometerFit(

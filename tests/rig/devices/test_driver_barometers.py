@@ -267,6 +267,19 @@ def test_ms5611_reading_outside_its_range_is_refused(ms):
         sensor.read()
 
 
+@pytest.mark.parametrize(
+    ("driver", "enough"), [(partial(Bmp3, address=0x76), 8), (partial(Ms5611, address=0x77), 16)]
+)
+def test_a_barometer_whose_readings_are_all_the_same_is_frozen(driver, enough, bmp, ms, clock):
+    sensor = driver(FakeI2cBus({0x76: bmp, 0x77: ms}))
+    began_s = clock.now_s
+    sensor.read()
+    one_s = clock.now_s - began_s
+    assert len(sensor.read_many((enough - 1.5) * one_s)) == enough - 1
+    with pytest.raises(DeviceError, match=f"is frozen: {enough} identical readings in a row"):
+        sensor.read_many((enough - 0.5) * one_s)
+
+
 @pytest.mark.parametrize("driver", [partial(Bmp3, model="bmp390"), Ms5611])
 def test_barometers_give_the_bus_back(driver, bmp, ms):
     bus = FakeI2cBus({0x76: bmp, 0x77: ms})
