@@ -187,7 +187,9 @@ def test_the_ms5611_is_left_alone_during_its_reset_and_its_conversions(
     clock: FakeClock, ms: fake_ms5611.Ms5611
 ) -> None:
     """A conversion takes 9.04 ms at most (data sheet, 4096-fold oversampling), a reset 2.8 ms."""
-    sensor = Ms5611(TimedBus(ms, clock))
+    bus = TimedBus(ms, clock)
+    sensor = Ms5611(bus)
+    assert bus.writes == [b"\x1e"]
     began_s = clock.now_s
     reading = sensor.read()
     assert reading.pressure_hpa == pytest.approx(950.0, abs=0.1)
