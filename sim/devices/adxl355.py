@@ -21,7 +21,9 @@ STANDBY_ONLY = range(OFFSET_X_H, FILTER + 1)
 DATA_READY, FIFO_FULL, FIFO_OVERRUN, NVM_BUSY = 0x01, 0x02, 0x04, 0x10
 STANDBY, TEMPERATURE_OFF = 0x01, 0x02
 RESET_CODE = 0x52
-RESET_S = 0.005
+RESET_S = 0.030
+"""Longer than the 5 ms that other drivers sleep: only NVM_BUSY tells when the trim is there."""
+UNSETTLED_SAMPLES = 3
 FIFO_LOCATIONS = 96
 LSB_G = 1 / 256_000
 ODR_MAX_HZ = 4000.0
@@ -54,7 +56,7 @@ class Adxl355(RegisterChip):
         self._clock = clock
         self._rng = rng
         self._shadow = bytes(rng.integers(1, 256, 5, dtype=np.uint8))
-        self._sampler = Sampler(noise_density_g, rng)
+        self._sampler = Sampler(noise_density_g, rng, UNSETTLED_SAMPLES)
         self._reset()
         self._busy_until_s = clock()
 

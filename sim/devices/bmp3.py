@@ -19,7 +19,8 @@ COMMAND_READY, PRESSURE_READY, TEMPERATURE_READY = 0x10, 0x20, 0x40
 CONFIGURATION_ERROR = 0x04
 PRESSURE_ENABLE, TEMPERATURE_ENABLE, NORMAL_MODE = 0x01, 0x02, 0x30
 SOFT_RESET, FLUSH_FIFO = 0xB6, 0xB0
-START_UP_S = 0.002
+START_UP_S = 0.010
+"""Longer than the data sheet's 2 ms: only cmd_rdy tells when commands are taken and the trim is there."""
 NOTHING_YET = 0x800000
 FASTEST_HZ = 200.0
 NOISE_AT_OVERSAMPLING = 32
@@ -118,6 +119,10 @@ class Bmp3(RegisterChip):
         self._filtered_pa: float | None = None
         self._started_s = self._clock()
 
+    @property
+    def _is_up(self) -> bool:
+        return self._clock() - self._started_s >= START_UP_S
+
     def _register(self, register: int) -> int:
         return self._registers.get(register, 0)
 
@@ -170,7 +175,7 @@ class Bmp3(RegisterChip):
             self._ready &= ~(PRESSURE_READY if register < DATA + 3 else TEMPERATURE_READY)
             return raw >> 8 * ((register - DATA) % 3) & 0xFF
         if TRIM <= register < TRIM + len(self._nvm):
-            return self._nvm[register - TRIM]
+            return self._nvm[register - TRIM] if self._is_up else 0
         if SENSOR_TIME <= register < SENSOR_TIME + 3:
             ticks = int(self._clock() * 25600)
             return ticks >> 8 * (register - SENSOR_TIME) & 0xFF
@@ -181,8 +186,7 @@ class Bmp3(RegisterChip):
             event, self._event = self._event, 0
             return event
         if register == STATUS:
-            up = self._clock() - self._started_s >= START_UP_S
-            return COMMAND_READY * up | self._ready
+            return COMMAND_READY * self._is_up | self._ready
         if register == INT_STATUS:
             return 0x08 * bool(self._ready)
         return {CHIP_ID: self._chip_id, REV_ID: 0x01}.get(register, self._register(register))
@@ -196,6 +200,8 @@ class Bmp3(RegisterChip):
                 self._pointer = value
 
     def _write(self, register: int, value: int) -> None:
+        if not self._is_up:
+            return
         if register == COMMAND and value == SOFT_RESET:
             self._reset()
         elif register in WRITABLE:

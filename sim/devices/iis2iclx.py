@@ -24,6 +24,7 @@ SELF_TEST_G = 0.1
 LPF2_ENABLE, BOOT, BLOCK_UPDATE, AUTO_INCREMENT, SOFT_RESET = 0x02, 0x80, 0x40, 0x04, 0x01
 ACCELERATION_READY, TEMPERATURE_READY = 0x01, 0x04
 RESET_S = 0.001
+UNSETTLED_SAMPLES = 3
 WRITABLE = frozenset([*range(0x01, 0x0F), *range(0x10, 0x1A), *range(0x56, 0x60), 0x73, 0x74])
 
 
@@ -50,7 +51,7 @@ class Iis2iclx(RegisterChip):
         self._acceleration_g = acceleration_g
         self._temperature_c = temperature_c
         self._clock = clock
-        self._sampler = Sampler(noise_density_g, rng)
+        self._sampler = Sampler(noise_density_g, rng, UNSETTLED_SAMPLES)
         self._busy_until_s = clock()
         self._reset()
 
@@ -133,6 +134,8 @@ class Iis2iclx(RegisterChip):
         return bool(self._registers.get(FUNC_CFG_ACCESS, 0) & (EMBEDDED_BANK | SENSOR_HUB_BANK))
 
     def _write(self, register: int, value: int) -> None:
+        if self._clock() < self._busy_until_s:
+            return  # the reset under way would undo it
         if register not in WRITABLE or (register != FUNC_CFG_ACCESS and self._other_bank()):
             return
         if register == CTRL3_C and value & (SOFT_RESET | BOOT):

@@ -20,6 +20,7 @@ CONVERSION_S = (0.008, 0.004, 0.002, 0.0005)
 NOISE_BY_BANDWIDTH = (1.0, 1.5, 2.0, 3.0)  # against that of the narrowest
 CONTINUOUS_RATE_HZ = (0.0, 1.0, 10.0, 20.0, 50.0, 100.0, 200.0, 1000.0)
 SOFT_RESET_S = 0.010
+OTP_READ_S = 0.015  # from the reset until the trim is loaded
 COUNTS_PER_UT = 163.84
 ZERO_FIELD = 131072
 FULL_SCALE = 262143
@@ -62,7 +63,8 @@ class Mmc5983ma(RegisterChip):
         self._polarity = 1.0
         self._counts = [0, 0, 0]
         self._temperature = 0
-        self._status = OTP_READ_DONE
+        self._status = 0
+        self._otp_read_at_s = self._clock() + OTP_READ_S
         self._field_due_s: float | None = None
         self._temperature_due_s: float | None = None
         self._deaf_until_s = self._clock() + SOFT_RESET_S
@@ -75,6 +77,8 @@ class Mmc5983ma(RegisterChip):
 
     def _wake(self) -> None:
         now = self._clock()
+        if now >= self._otp_read_at_s:
+            self._status |= OTP_READ_DONE
         if self._field_due_s is not None and now >= self._field_due_s:
             self._counts = self._pending
             self._status |= FIELD_DONE
@@ -126,7 +130,9 @@ class Mmc5983ma(RegisterChip):
                 self._field_due_s = None
 
     def _command(self, value: int) -> None:
-        """Control 0: its commands clear themselves, Auto_SR_en stays."""
+        """Control 0: its commands clear themselves, Auto_SR_en stays. Without the trim nothing is measured."""
+        if not self._status & OTP_READ_DONE:
+            return
         self._control[0] = value & AUTO_SET_RESET
         if value & SET:
             self._polarity = 1.0

@@ -14,10 +14,13 @@ class Sampler:
 
     White noise of one-sided density d has rms d * sqrt(rate / 2) at the sampling rate; the low-pass leaves d *
     sqrt(bandwidth) of it, so that averaging over a time T gives d / sqrt(2 T) for any filter.
+
+    The first ``unsettled`` samples after a start are too small: the filter is not full of the signal yet.
     """
 
-    def __init__(self, density: float, rng: np.random.Generator) -> None:
+    def __init__(self, density: float, rng: np.random.Generator, unsettled: int = 0) -> None:
         self._density = density
+        self._unsettled = unsettled
         self._rng = rng
         self._rate_hz = 0.0
         self._memory = 0.0
@@ -38,14 +41,15 @@ class Sampler:
         due = math.floor((time_s - self._started_s) * self._rate_hz) - self._taken
         if due <= 0:
             return []
+        first = self._taken + 1
         self._taken += due
         if self._filtered is None:
             self._filtered = value
         skipped = max(due - MAX_SAMPLES, 0)
         self._filtered = value + (self._filtered - value) * self._memory**skipped
         samples = []
-        for _ in range(due - skipped):
+        for number in range(first + skipped, first + due):
             noise = self._rng.normal(0.0, self._density * math.sqrt(self._rate_hz / 2), value.shape)
             self._filtered = self._memory * self._filtered + (1 - self._memory) * (value + noise)
-            samples.append(self._filtered)
+            samples.append(self._filtered * min(number / (self._unsettled + 1), 1.0))
         return samples

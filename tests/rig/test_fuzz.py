@@ -122,6 +122,6 @@ def test_a_sentence_with_one_wrong_byte_is_refused(body: bytes, place: int, bits
     sent = b"$HCHDM," + body + b"*" + f"{checksum(b'HCHDM,' + body):02X}".encode()
     wrong = bytearray(sent)
     wrong[7 + place % max(1, len(body))] ^= bits
-    if body and bytes(wrong) != sent:
+    if body and bytes(wrong) != sent and b"$" not in wrong[1:]:  # with a $ another sentence begins
         with pytest.raises(MessageError):
             parse_sentence(bytes(wrong))

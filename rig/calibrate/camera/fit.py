@@ -24,6 +24,7 @@ CENTRE_LIMIT = 0.15  # of the picture's size
 BAD_VIEW = 3.0  # in medians
 MAX_BAD_VIEWS = 0.2
 SIGNIFICANT = 3.0
+_POSE = 6  # rotation and translation of the board in one view
 NAMES = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2", "k3")
 
 
@@ -99,26 +100,50 @@ def _calibrate(views: Sequence[TargetView], size_px: tuple[int, int], fixed_k3: 
     images = [view.image_px.astype(np.float32) for view in views]
     guess, none = np.eye(3), np.zeros(5)
     try:
-        rms, matrix, distortion, turns, shifts, sigmas, _, per_view = cv2.calibrateCameraExtended(
+        rms, matrix, distortion, turns, shifts, _, _, per_view = cv2.calibrateCameraExtended(
             all_corners_mm, images, size_px, guess, none, flags=flags
         )
     except cv2.error as error:
         raise CalibrationError(
             "camera: OpenCV finds no lens that gives these views; show the board whole, flat and tilted in all directions"
         ) from error
-    residuals = []
+    residuals, derivatives = [], []
     for corners_mm, image, turn, shift in zip(all_corners_mm, images, turns, shifts, strict=True):
-        projected, _ = cv2.projectPoints(corners_mm, turn, shift, matrix, distortion)
+        projected, jacobian = cv2.projectPoints(corners_mm, turn, shift, matrix, distortion)
         residuals.append(np.asarray(image, float) - np.asarray(projected, float).reshape(-1, 2))
+        derivatives.append(np.asarray(jacobian, float)[:, : _POSE + len(NAMES)])
     k = np.asarray(distortion, float).ravel()[:5]
     parameters = np.array([matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], *k])
     return _Solved(
         parameters,
-        np.asarray(sigmas, float).ravel()[:9],
+        _sigmas(derivatives, np.concatenate(residuals), len(NAMES) - fixed_k3),
         float(rms),
         np.asarray(per_view, float).ravel(),
         np.concatenate(residuals),
     )
+
+
+def _sigmas(derivatives: Sequence[Vector], residuals_px: Vector, free: int) -> Vector:
+    """Sigmas of the nine parameters, of which the first ``free`` were fitted; the poses are eliminated.
+
+    OpenCV's own come from a pseudo-inverse. Of a board that was never tilted, where focal length and distance cannot be
+    told apart, it leaves out just the uncertain direction: 0.2 px for a focal length that is 300 px off.
+    """
+    information = np.zeros((free, free))
+    for jacobian in derivatives:
+        pose, lens = jacobian[:, :_POSE], jacobian[:, _POSE : _POSE + free]
+        information += lens.T @ lens - lens.T @ pose @ np.linalg.solve(pose.T @ pose, pose.T @ lens)
+    freedom = max(residuals_px.size - free - _POSE * len(derivatives), 1)
+    scale = 1.0 / np.sqrt(np.diag(information))  # of parameters whose units differ by orders of magnitude
+    try:
+        cofactors = np.diag(np.linalg.inv(information * np.outer(scale, scale))) * scale**2
+    except np.linalg.LinAlgError:
+        cofactors = np.full(free, np.inf)
+    found = np.zeros(len(NAMES))
+    found[:free] = np.sqrt(
+        np.where(cofactors > 0.0, cofactors, np.inf) * float((residuals_px**2).sum()) / freedom
+    )
+    return found
 
 
 def _require_views(views: Sequence[TargetView], size_px: tuple[int, int]) -> None:

@@ -33,7 +33,7 @@ _SHADOW = 0x50
 
 _IDENTITY = {_DEVID_AD: 0xAD, _DEVID_MST: 0x1D, _PARTID: 0xED}
 _DATA_READY = 0x01
-_NVM_BUSY = 0x08
+_NVM_BUSY = 0x10
 _FILTER_62_5_HZ = 0x06
 _RANGE_2_G = 0x81
 _STANDBY = 0x01
@@ -127,16 +127,18 @@ class Adxl355(ClosedOnExit):
 
     def _reset(self) -> None:
         # The trim values in the shadow registers are sometimes not loaded by a reset; Linux repeats it, too.
+        self._wait_for_trim()  # of a chip that has just been switched on
         before = self._chip.read_register(_SHADOW, 5)
         for _ in range(_RESET_TRIES):
             self._chip.write_register(_RESET, _RESET_CODE)
             timebase.sleep(_RESET_S)
-            idle = wait_until(
-                lambda: not self._status() & _NVM_BUSY, Deadline.after(_READY_TIMEOUT_S), _RESET_S
-            )
-            if idle and self._chip.read_register(_SHADOW, 5) == before:
+            if self._wait_for_trim() and self._chip.read_register(_SHADOW, 5) == before:
                 return
         raise self._chip.broken("loses its factory trim when it is reset")
+
+    def _wait_for_trim(self) -> bool:
+        """Whether the trim was loaded from the non-volatile memory in time."""
+        return wait_until(lambda: not self._status() & _NVM_BUSY, Deadline.after(_READY_TIMEOUT_S), _RESET_S)
 
     def _status(self) -> int:
         return self._chip.read_register(_STATUS)[0]

@@ -37,13 +37,13 @@ _IDENTITY = 0x6B  # which is also one of its two addresses
 _OTHER_BANKS = (0x80, 0x40)  # embedded functions, sensor hub
 _USER_BANK = 0x00
 _ODR_52_HZ = 3 << 4
-_RANGE_CODES = {0.5: 0, 1.0: 2, 2.0: 3, 3.0: 1}  # g; not in order
+_RANGE_1_G = 2 << 2  # the codes are not in order: 0 to 3 are 0.5, 3, 1 and 2 g
 _G_PER_COUNT = {0.5: 0.015e-3, 1.0: 0.031e-3, 2.0: 0.061e-3, 3.0: 0.122e-3}
 _LOW_PASS_2 = 1 << 1
-_LOW_PASS_2_ODR_4 = 0 << 5
+_LOW_PASS_2_ODR_4 = 0x00
 _BLOCK_DATA_UPDATE = 1 << 6
 _AUTO_INCREMENT = 1 << 2
-_SOFTWARE_RESET = 1 << 0
+_SOFTWARE_RESET = 0x01
 _ACCELERATION_READY = 0x01
 
 _RANGE_G = 1.0
@@ -109,7 +109,7 @@ class Iis2iclx(ClosedOnExit):
             raise self._chip.no_answer_in_time("the reset", _READY_TIMEOUT_S)
         self._chip.write_register(_CTRL3_C, _BLOCK_DATA_UPDATE | _AUTO_INCREMENT)
         self._chip.write_register(_CTRL8_XL, _LOW_PASS_2_ODR_4)
-        self._chip.write_register(_CTRL1_XL, _ODR_52_HZ | _RANGE_CODES[_RANGE_G] << 2 | _LOW_PASS_2)
+        self._chip.write_register(_CTRL1_XL, _ODR_52_HZ | _RANGE_1_G | _LOW_PASS_2)
         timebase.sleep(_SETTLING_SAMPLES * _SAMPLE_S)
         self._require_two_axes(self._chip.read_register(_OUT_X, 4))
 

@@ -40,10 +40,36 @@ def test_warm_air_is_thicker() -> None:
 
 
 @given(st.floats(500.0, 1050.0), st.floats(-20.0, 40.0))
-def test_the_slope_is_the_derivative(pressure_hpa: float, temperature_c: float) -> None:
+def test_the_slope_is_that_of_air_in_balance(pressure_hpa: float, temperature_c: float) -> None:
+    """R T / (g p) of dry air in balance: R = 287.05287 J/(kg K), g = 9.80665 m/s^2 (ISO 2533)."""
     air = PressureReference(1000.0, 200.0, temperature_c)
-    difference = altitude_m(pressure_hpa - 0.01, air) - altitude_m(pressure_hpa + 0.01, air)
-    assert difference / 0.02 == pytest.approx(metres_per_hpa(pressure_hpa, air), rel=1e-5)
+    exponent = 287.05287 * 0.0065 / 9.80665
+    air_k = (temperature_c + 273.15) * (pressure_hpa / 1000.0) ** exponent
+    assert metres_per_hpa(pressure_hpa, air) == pytest.approx(
+        287.05287 * air_k / (9.80665 * pressure_hpa), rel=1e-5
+    )
+
+
+@pytest.mark.parametrize(
+    ("pressure_hpa", "altitude", "is_plausible"),
+    [
+        (1071.0, -470.0, True),  # below the shore of the Dead Sea, -430 m
+        (1077.0, -517.6, False),
+        (314.5, 8846.7, True),  # Everest, 8849 m
+        (306.0, 9031.2, False),
+    ],
+)
+def test_ground_lies_between_minus_500_and_9000_m(
+    pressure_hpa: float, altitude: float, is_plausible: bool
+) -> None:
+    """Altitudes by 288.15 / 0.0065 (1 - (p / 1013.25)^(1 / 5.25588))."""
+    if is_plausible:
+        assert plausible_altitude_m(pressure_hpa, STANDARD, "bmp390") == pytest.approx(altitude, abs=0.5)
+        return
+    with pytest.raises(
+        DeviceError, match=rf"bmp390: {pressure_hpa} hPa would be an altitude of {altitude:.0f} m"
+    ):
+        plausible_altitude_m(pressure_hpa, STANDARD, "bmp390")
 
 
 def test_a_wrong_reference_is_noticed() -> None:

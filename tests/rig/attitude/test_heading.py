@@ -13,6 +13,7 @@ from rig.attitude.heading import (
     CompassHeading,
     FieldAtPan,
     HeadingsAtPan,
+    VehicleIron,
     circular_mean_deg,
     heading_from_field,
     heading_from_talker,
@@ -147,6 +148,98 @@ def test_a_field_that_is_not_the_earths() -> None:
         heading_from_field(magnet, base_estimate(0.0, 0.0))
 
 
+def of_field(east_ut: float, north_ut: float, up_ut: float) -> list[FieldAtPan]:
+    """What a compass reads of a field in the axes of a level vehicle that heads north."""
+    found = []
+    for pan_deg in PANS_DEG:
+        c, s = np.cos(np.radians(pan_deg)), np.sin(np.radians(pan_deg))
+        stage = np.array([c * east_ut - s * north_ut, s * east_ut + c * north_ut, up_ut])
+        found.append(FieldAtPan(pan_deg, stage, 0.01))
+    return found
+
+
+@pytest.mark.parametrize(
+    ("horizontal_ut", "down_ut", "is_the_earths"),
+    [
+        (9.0, 11.9, False),  # hypot 14.92
+        (9.0, 12.1, True),  # 15.08
+        (60.0, 79.9, True),  # 99.9
+        (60.0, 80.1, False),  # 100.1
+        (1.9, 60.0, False),  # near a magnetic pole
+        (2.1, 60.0, True),
+        (0.0, 50.0, False),
+    ],
+)
+def test_the_earths_field_has_15_to_100_ut_and_2_of_them_horizontal(
+    horizontal_ut: float, down_ut: float, is_the_earths: bool
+) -> None:
+    read = of_field(0.6 * horizontal_ut, 0.8 * horizontal_ut, -down_ut)
+    if is_the_earths:
+        found = heading_from_field(read, base_estimate(0.0, 0.0))
+        assert found.heading_deg == pytest.approx(360.0 - 36.8699, abs=1e-3), (
+            "north is 36.87 deg to the right"
+        )
+        assert (found.horizontal_ut, found.down_ut) == pytest.approx((horizontal_ut, down_ut))
+        return
+    with pytest.raises(DeviceError, match=rf"measures .* uT, {horizontal_ut:.1f} of it horizontal: not the"):
+        heading_from_field(read, base_estimate(0.0, 0.0))
+
+
+def test_the_vehicles_iron_is_taken_off_in_its_own_axes() -> None:
+    """Hard iron of 5 uT to the right and soft iron that makes a quarter more of what lies ahead."""
+    iron = VehicleIron((5.0, 0.0, 0.0), ((1.0, 0.0, 0.0), (0.0, 1.25, 0.0), (0.0, 0.0, 1.0)))
+    found = heading_from_field(of_field(15.0 + 5.0, 1.25 * 20.0, -40.0), base_estimate(0.0, 0.0), iron)
+    assert found.heading_deg == pytest.approx(360.0 - 36.8699, abs=1e-3)
+    assert (found.horizontal_ut, found.down_ut) == pytest.approx((25.0, 40.0))
+
+
+def test_the_scatter_of_an_even_turn_is_the_noise_over_the_field() -> None:
+    """Eight readings of two axes for the two horizontal parts: sigma^2 / 4 each. And the level's share, by the dip."""
+    quiet = [replace(field, noise_ut=0.4) for field in of_field(0.0, 20.0, -40.0)]
+    found = heading_from_field(quiet, base_estimate(0.0, 0.0, sigma_deg=0.1))
+    by_noise_deg = np.degrees(0.4 / 2.0 / 20.0)
+    assert found.scatter_deg == pytest.approx(np.hypot(by_noise_deg, 0.1 * 40.0 / 20.0))
+    assert found.misfit_deg == pytest.approx(0.0, abs=1e-9)
+
+
+def test_the_misfit_is_the_residual_for_the_degrees_of_freedom() -> None:
+    """A second harmonic of 0.4 uT, which no field and no iron has: four vectors of that length, 8 values less 4 unknowns."""
+    bent = []
+    for field in of_field(0.0, 20.0, -40.0):
+        twice = np.radians(2.0 * field.pan_deg)
+        bent.append(
+            replace(field, mean_ut=field.mean_ut + 0.4 * np.array([np.cos(twice), np.sin(twice), 0.0]))
+        )
+    found = heading_from_field(bent, base_estimate(0.0, 0.0))
+    rms_ut = np.sqrt(4 * 0.4**2 / (8 - 4))
+    assert found.misfit_deg == pytest.approx(np.degrees(rms_ut / 20.0))
+    assert found.scatter_deg == pytest.approx(np.degrees(rms_ut / 2.0 / 20.0))
+
+
+@pytest.mark.parametrize(("off_deg", "is_refused"), [(19.0, False), (21.0, True)])
+def test_a_talker_may_deviate_by_20_degrees(off_deg: float, is_refused: bool) -> None:
+    """To the right and to the left by turns, so that the mean stays."""
+    said = [
+        HeadingsAtPan(pan_deg, ((pan_deg + off_deg * (-1) ** i) % 360.0,))
+        for i, pan_deg in enumerate((0.0, 120.0, 180.0, 300.0))
+    ]
+    if is_refused:
+        with pytest.raises(DeviceError, match=r"its headings do not turn with the pan \(21 deg off\)"):
+            heading_from_talker(said, base_estimate(0.0, 0.0))
+    else:
+        assert heading_from_talker(said, base_estimate(0.0, 0.0)).misfit_deg > 5.0
+
+
+def test_the_scatter_of_a_steady_talker_is_the_noise_of_its_mean() -> None:
+    """Three angles, averaged; at each four headings 0.3 deg off by turns: 0.3 / sqrt(4) / sqrt(3)."""
+    said = [
+        HeadingsAtPan(pan_deg, tuple((pan_deg + off) % 360.0 for off in (0.3, -0.3, 0.3, -0.3)))
+        for pan_deg in (-120.0, 0.0, 120.0)
+    ]
+    found = heading_from_talker(said, base_estimate(0.0, 0.0))
+    assert found.scatter_deg == pytest.approx(0.3 / 2.0 / np.sqrt(3.0), rel=1e-6)
+
+
 @given(headings, slopes, slopes)
 def test_a_talker_on_any_slope(heading_deg: float, pitch_deg: float, roll_deg: float) -> None:
     found = heading_from_talker(
@@ -185,6 +278,8 @@ def test_true_heading_adds_declination_and_trust() -> None:
     heading = true_heading(CompassHeading(355.0, 0.3, 0.0), 0.4, Declination(13.0, "configuration"))
     assert heading.heading_deg == pytest.approx(8.0)
     assert heading.sigma_deg == pytest.approx(0.5)
+    unknown = true_heading(CompassHeading(355.0, 170.0, 0.0), 170.0, None)
+    assert unknown.sigma_deg == 180.0, "no more than nothing is known"
     assert true_heading(CompassHeading(355.0, 0.0, 0.0), 1.0, None).heading_deg == 355.0
 
 

@@ -136,6 +136,113 @@ def test_a_zeroed_inclinometer_is_not_spoilt_by_play_in_the_tilt_joint() -> None
     assert (found.pitch_deg, found.roll_deg) == pytest.approx((3.0, -4.0), abs=0.02)
 
 
+EVEN_DEG = (0.0, 90.0, 180.0, 270.0)
+DISTINCT = LevelSigmas(tilt_deg=0.03, roll_deg=0.2, zero_deg=0.5, joint_deg=0.04)
+
+
+def test_the_sigmas_of_an_even_turn_are_those_of_the_closed_form() -> None:
+    """Level: a head at pan a leans by p cos a + r sin a ahead and by r cos a - p sin a to the side.
+
+    Over four even angles the sums of squares of sine and cosine are 2 each, and slope and zero are uncorrelated.
+    """
+    found = base_level(readings(Attitude(0.0, 0.0, 0.0), EVEN_DEG), DISTINCT)
+    tilt_2, roll_2 = 0.03**2 + 0.04**2, 0.2**2
+    slope_2 = 1.0 / (2.0 / tilt_2 + 2.0 / roll_2)  # of pitch, and of roll
+    assert found.sigma_deg == pytest.approx(np.sqrt(2.0 * slope_2), rel=1e-3)
+    assert found.roll_zero_sigma_deg == pytest.approx(np.sqrt(1.0 / (1.0 / 0.5**2 + 4.0 / roll_2)), rel=1e-3)
+    # The zero in tilt, known to 0.5, from a mean of four that also has the joint's error of 0.04.
+    tilt_zero_2 = 0.5**2 - 0.5**4 / (0.5**2 + 0.04**2 + tilt_2 / 4.0)
+    assert found.tilt_zero_sigma_deg == pytest.approx(np.sqrt(tilt_zero_2), rel=1e-3)
+
+
+def test_a_slope_across_few_pan_angles_is_the_less_certain_part() -> None:
+    """Ahead and 20 degrees to both sides: pitch is nearly the tilt's zero, roll nearly the roll's."""
+    pans_deg = (-20.0, 0.0, 20.0)
+    found = base_level(readings(Attitude(0.0, 0.0, 0.0), pans_deg), DISTINCT)
+    c, s = np.cos(np.radians(pans_deg)), np.sin(np.radians(pans_deg))
+    one, none = np.ones(3), np.zeros(3)
+    # Unknowns: pitch, roll, zero of tilt, zero of roll, tilt joint; a joint error adds to the tilt.
+    rows = np.vstack(
+        [
+            np.column_stack([c, s, one, none, one]) / np.hypot(0.03, 0.04),
+            np.column_stack([-s, c, none, one, none]) / 0.2,
+            np.column_stack([np.zeros((3, 2)), np.diag([1 / 0.5, 1 / 0.5, 1 / 0.04])]),
+        ]
+    )
+    deviations = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))
+    assert found.sigma_deg == pytest.approx(np.hypot(deviations[0], deviations[1]), rel=1e-3)
+    assert found.tilt_zero_sigma_deg == pytest.approx(deviations[2], rel=1e-3)
+    assert found.roll_zero_sigma_deg == pytest.approx(deviations[3], rel=1e-3)
+
+
+def test_the_residual_is_the_rms_of_the_rolls() -> None:
+    """Rolls that alternate by 0.03 around an even turn: a slope or a zero explains none of it, nor does a tilt."""
+    shown = readings(Attitude(0.0, 0.0, 0.0), (0.0, 45.0, 90.0, 135.0, 180.0, 225.0, 270.0, 315.0))
+    off = [
+        LevelReading(r.joints, level(r.level.tilt_deg + 0.02, r.level.roll_deg + 0.03 * (-1) ** i))
+        for i, r in enumerate(shown)
+    ]
+    assert base_level(off, SIGMAS).residual_deg == pytest.approx(0.03, rel=1e-3)
+
+
+def test_the_noise_of_the_average_is_that_of_a_median_of_nine_means() -> None:
+    """1 mg of white noise in 900 samples: 1 mg / 30 of a mean, 1.2533 times that of a median, 0.0024 deg."""
+    expected_deg = np.degrees(1e-3 / np.sqrt(900.0)) * 1.2533
+    shown = [
+        head_level(samples(up_in_head(0.0, 0.0), 900, 1e-3, seed), STRAIGHT, "chip") for seed in range(60)
+    ]
+    for told, found in (
+        ([one.tilt_noise_deg for one in shown], [one.tilt_deg for one in shown]),
+        ([one.roll_noise_deg for one in shown], [one.roll_deg for one in shown]),
+    ):
+        assert np.sqrt(np.mean(np.square(told))) == pytest.approx(expected_deg, rel=0.1)
+        assert np.std(found) == pytest.approx(expected_deg, rel=0.25)
+
+
+def test_one_sample_tells_no_noise() -> None:
+    alone = head_level([Sample(0.0, 0.0, 1.0)], STRAIGHT, "chip")
+    assert (alone.tilt_noise_deg, alone.roll_noise_deg, alone.samples) == (np.inf, np.inf, 1)
+
+
+@pytest.mark.parametrize(("size_g", "is_gravity"), [(0.89, False), (0.91, True), (1.09, True), (1.11, False)])
+def test_gravity_is_within_a_tenth_of_1_g(size_g: float, is_gravity: bool) -> None:
+    shown = [Sample(0.0, 0.6 * size_g, 0.8 * size_g)] * 9
+    if is_gravity:
+        assert head_level(shown, STRAIGHT, "chip").tilt_deg == pytest.approx(36.8699, abs=1e-4)
+        return
+    with pytest.raises(DeviceError, match=rf"measures {size_g:.3f} g where gravity is 1 g"):
+        head_level(shown, STRAIGHT, "chip")
+
+
+@pytest.mark.parametrize(("off_deg", "is_refused"), [(0.49, False), (0.51, True)])
+def test_readings_may_be_half_a_degree_apart_from_one_attitude(off_deg: float, is_refused: bool) -> None:
+    shown = readings(Attitude(0.0, 0.0, 0.0), (0.0, 45.0, 90.0, 135.0, 180.0, 225.0, 270.0, 315.0))
+    apart = [
+        LevelReading(r.joints, level(r.level.tilt_deg, r.level.roll_deg + off_deg * (-1) ** i))
+        for i, r in enumerate(shown)
+    ]
+    if is_refused:
+        with pytest.raises(DeviceError, match=r"fit no one attitude of the vehicle \(0\.5 deg apart\)"):
+            base_level(apart, SIGMAS)
+    else:
+        base_level(apart, SIGMAS)
+
+
+def test_noisy_readings_may_be_five_sigmas_apart() -> None:
+    noisy = LevelSigmas(tilt_deg=0.3, roll_deg=0.2, zero_deg=0.02, joint_deg=0.4)  # hypot 0.5: to 2.5 deg
+    shown = readings(Attitude(0.0, 0.0, 0.0), (0.0, 45.0, 90.0, 135.0, 180.0, 225.0, 270.0, 315.0))
+
+    def apart(off_deg: float) -> list[LevelReading]:
+        return [
+            LevelReading(r.joints, level(r.level.tilt_deg, r.level.roll_deg + off_deg * (-1) ** i))
+            for i, r in enumerate(shown)
+        ]
+
+    base_level(apart(2.4), noisy)
+    with pytest.raises(DeviceError, match=r"\(2\.6 deg apart\)"):
+        base_level(apart(2.6), noisy)
+
+
 def test_a_vehicle_that_moved_is_noticed() -> None:
     before = readings(Attitude(0.0, 3.0, -4.0))
     after = readings(Attitude(0.0, 3.0, 1.0))

@@ -68,6 +68,21 @@ def test_what_the_pan_is_misread_by_at_the_pictures_is_in_the_heading_too(config
         )
 
 
+@pytest.mark.parametrize(
+    ("offset_deg", "azimuth_deg"), [(4.0, 34.0), (-4.0, 26.0), (-45.0, 345.0), (335.0, 5.0)]
+)
+def test_the_calibrated_offset_of_headings_is_added(
+    config: RigConfig, offset_deg: float, azimuth_deg: float
+) -> None:
+    assert config.compass is not None
+    changed = config.compass.model_copy(update={"heading_offset_deg": offset_deg})
+    offset = config.model_copy(update={"compass": changed})
+    found = estimate_base(offset, read(config, STOPS_DEG), "compass")
+    assert found.attitude.azimuth_deg == pytest.approx(azimuth_deg, abs=1e-6)
+    assert found.heading.heading_deg == pytest.approx(azimuth_deg, abs=1e-6)
+    assert found.calibration["heading"]["heading_deg"] == pytest.approx(azimuth_deg, abs=1e-6)
+
+
 def test_the_level_is_of_the_stops_alone(config: RigConfig) -> None:
     stops = read(config, STOPS_DEG)
     leaning = replace(LEVEL, tilt_deg=12.0, roll_deg=3.0)

@@ -6,6 +6,7 @@ from functools import partial
 
 import pytest
 from fakes.chips import FakeI2cBus, RegisterChip
+from fakes.clock import FakeClock
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -31,6 +32,11 @@ BMP3_GOLDEN = [
         100548.40477814537,
     ),
 ]
+
+
+@pytest.fixture(autouse=True)
+def clock(monkeypatch: pytest.MonkeyPatch) -> FakeClock:
+    return FakeClock(monkeypatch)
 
 
 @pytest.mark.parametrize(("trim", "data", "temperature_c", "pressure_pa"), BMP3_GOLDEN)
@@ -259,6 +265,19 @@ def test_ms5611_reading_outside_its_range_is_refused(ms):
     ms.raw[0x40] = 0xFFFFFF
     with pytest.raises(TransientError, match="implausible reading"):
         sensor.read()
+
+
+@pytest.mark.parametrize(
+    ("driver", "enough"), [(partial(Bmp3, address=0x76), 8), (partial(Ms5611, address=0x77), 16)]
+)
+def test_a_barometer_whose_readings_are_all_the_same_is_frozen(driver, enough, bmp, ms, clock):
+    sensor = driver(FakeI2cBus({0x76: bmp, 0x77: ms}))
+    began_s = clock.now_s
+    sensor.read()
+    one_s = clock.now_s - began_s
+    assert len(sensor.read_many((enough - 1.5) * one_s)) == enough - 1
+    with pytest.raises(DeviceError, match=f"is frozen: {enough} identical readings in a row"):
+        sensor.read_many((enough - 0.5) * one_s)
 
 
 @pytest.mark.parametrize("driver", [partial(Bmp3, model="bmp390"), Ms5611])

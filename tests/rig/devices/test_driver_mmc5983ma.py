@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 from fakes.chips import FakeI2cBus, RegisterChip
+from fakes.clock import FakeClock
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -13,6 +14,11 @@ from rig.devices.sensors.mmc5983ma import Mmc5983ma, decode_field, decode_temper
 from rig.devices.sensors.sampling import MIN_READINGS
 from rig.errors import DeviceError, TransientError, WrongDeviceError
 from rig.fault_notes import collecting
+
+
+@pytest.fixture(autouse=True)
+def clock(monkeypatch: pytest.MonkeyPatch) -> FakeClock:
+    return FakeClock(monkeypatch)
 
 
 def registers_of(x: int, y: int, z: int) -> bytes:
@@ -135,11 +141,54 @@ def test_a_measurement_that_does_not_end_is_given_up(chip, sensor, monkeypatch):
         sensor.read()
 
 
+@pytest.mark.parametrize(
+    ("field_counts", "is_refused"), [(0, True), (160, True), (168, False), (-168, False)]
+)
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_chip_on_which_set_and_reset_make_no_difference_is_not_believed(
+    chip, sensor, field_counts, is_refused, axis
+):
+    """Its coil is broken. The Earth's field has 22 uT; below 1 uT, 164 counts, on all axes it is not measured."""
+    chip.field_counts = tuple(field_counts if i == axis else 0 for i in range(3))
+    if is_refused:
+        with pytest.raises(TransientError, match="SET and RESET make no difference"):
+            sensor.read()
+    else:
+        assert sensor.read().offset_ut == pytest.approx((3.05, 48.83, -48.83), abs=0.01)
+
+
+def test_a_chip_that_ignores_reset_is_not_believed(chip, sensor):
+    chip._written = lambda register, value: FakeMmc5983ma._written(
+        chip, register, value & ~0x10 if register == 0x09 else value
+    )
+    chip.on_write = chip._written
+    with pytest.raises(TransientError, match="SET and RESET make no difference"):
+        sensor.read()
+
+
 @pytest.mark.parametrize("counts", [200_000, -200_000])
 def test_a_saturating_magnet_is_reported(chip, sensor, counts):
     chip.field_counts = (counts, 0, 0)
     with pytest.raises(TransientError, match="beyond ±8 G; is a magnet near"):
         sensor.read()
+
+
+@pytest.mark.parametrize(
+    ("offset_ut", "is_refused"), [(190, False), (-190, False), (210, True), (-210, True)]
+)
+def test_a_field_that_saturates_after_set_or_after_reset_only_is_refused(chip, sensor, offset_ut, is_refused):
+    """600 uT on a bridge that is off by 200 reach the end of the range at 800 one way, and -400 the other."""
+    chip.field_counts = (round(600 * 163.84), 0, 0)
+    chip.offset_counts = (round(offset_ut * 163.84), 0, 0)
+    if is_refused:
+        with pytest.raises(TransientError, match="beyond ±8 G"):
+            sensor.read()
+    else:
+        assert sensor.read().x_ut == pytest.approx(600.0, abs=0.01)
+
+
+def test_it_is_reset_and_set_to_the_bandwidth_of_the_least_noise(chip, sensor):
+    assert chip.writes == [(0x0A, 0x80), (0x0A, 0x00)]
 
 
 def test_an_impossible_temperature_does_not_refuse_the_field(chip, sensor):

@@ -2,8 +2,11 @@
 
 import errno
 import os
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+
+from fakes.clock import TRANSFER_S
 
 
 @dataclass
@@ -45,6 +48,7 @@ class FakeI2cBus:
     def transfer(self, address: int, write: bytes, read_length: int) -> bytes:
         fault = self.faults.get(self.transfers)
         self.transfers += 1
+        time.sleep(TRANSFER_S)
         if isinstance(fault, int):
             raise OSError(fault, os.strerror(fault))
         if address not in self.chips:

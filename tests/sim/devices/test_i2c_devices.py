@@ -81,6 +81,17 @@ class TestAdxl355:
         assert read(chip, 0x00, 3) == bytes([0xAD, 0x1D, 0xED])
         assert read(chip, 0x2C, 2) == bytes([0x81, 0x01])
 
+    def test_the_first_samples_are_of_a_filter_that_is_filling(
+        self, chip: Adxl355, around: Surroundings
+    ) -> None:
+        write(chip, 0x28, 0x06)
+        write(chip, 0x2D, 0x00)
+        shares = []
+        for _ in range(5):
+            around.now_s += 1.001 / 62.5
+            shares.append(self.axes_g(chip)[2] / around.acceleration[2])
+        assert shares == pytest.approx([0.25, 0.5, 0.75, 1.0, 1.0], abs=0.001)
+
     def test_measures_only_out_of_standby(self, chip: Adxl355, around: Surroundings) -> None:
         around.now_s += 1.0
         assert (read(chip, 0x04), read(chip, 0x08, 9)) == (b"\x00", bytes(9))
@@ -94,6 +105,8 @@ class TestAdxl355:
     def test_noise_has_the_density_behind_the_low_pass(self, chip: Adxl355, around: Surroundings) -> None:
         write(chip, 0x28, 0x05)  # 125 Hz, corner 31.25 Hz
         write(chip, 0x2D, 0x00)
+        around.now_s += 0.1
+        assert self.axes_g(chip) == pytest.approx(around.acceleration, abs=0.001)
         samples = []
         for _ in range(4000):
             around.now_s += 1 / 125
@@ -141,7 +154,9 @@ class TestAdxl355:
         write(chip, 0x2C, 0x83)
         write(chip, 0x2F, 0x52)
         assert (read(chip, 0x04), read(chip, 0x50, 5)) == (b"\x10", bytes(5))
-        around.now_s += 0.006
+        around.now_s += 0.029
+        assert (read(chip, 0x04), read(chip, 0x50, 5)) == (b"\x10", bytes(5))
+        around.now_s += 0.002
         assert (read(chip, 0x50, 5), read(chip, 0x2C)) == (shadow, b"\x81")
 
     def test_temperature(self, chip: Adxl355, around: Surroundings) -> None:
@@ -315,14 +330,15 @@ class TestBmp3:
     def test_identity_and_start(self, chip: Bmp3, model: str, around: Surroundings) -> None:
         assert read(chip, 0x00) == {"bmp390": b"\x60", "bmp388": b"\x50"}[model]
         assert read(chip, 0x04, 6) == bytes.fromhex("000080000080")
-        assert read(chip, 0x31, 21) == TRIMS[model]
-        assert read(chip, 0x03) == b"\x00"
-        around.now_s += 0.003
-        assert read(chip, 0x03) == b"\x10"
+        assert (read(chip, 0x03), read(chip, 0x31, 21)) == (b"\x00", bytes(21))
+        write(chip, 0x1C, 0x0D)
+        assert read(chip, 0x1C) == b"\x02", "it takes nothing before it is ready"
+        around.now_s += 0.011
+        assert (read(chip, 0x03), read(chip, 0x31, 21)) == (b"\x10", TRIMS[model])
         assert (read(chip, 0x10), read(chip, 0x10)) == (b"\x01", b"\x00")
 
     def test_forced_mode_converts_once(self, chip: Bmp3, model: str, around: Surroundings) -> None:
-        around.now_s += 0.003
+        around.now_s += 0.011
         chip.transfer(bytes([0x1C, 0x0D, 0x1B, 0x13]), 0)  # pairs: oversampling 32 and 2, then forced
         around.now_s += 0.065
         assert read(chip, 0x04, 3) == bytes.fromhex("000080")
@@ -336,6 +352,7 @@ class TestBmp3:
 
     def test_normal_mode_with_filter_is_quieter(self, chip: Bmp3, model: str, around: Surroundings) -> None:
         spreads = []
+        around.now_s += 0.011
         for config in (0x00, 0x08):
             chip.transfer(bytes([0x1B, 0x00, 0x1C, 0x05, 0x1D, 0x04, 0x1F, config, 0x1B, 0x33]), 0)
             values = []
@@ -346,12 +363,15 @@ class TestBmp3:
         assert spreads[0] == pytest.approx(0.9, rel=0.2)
         assert spreads[1] < 0.5
 
-    def test_a_rate_that_is_too_fast_is_a_configuration_error(self, chip: Bmp3) -> None:
+    def test_a_rate_that_is_too_fast_is_a_configuration_error(self, chip: Bmp3, around: Surroundings) -> None:
+        around.now_s += 0.011
         chip.transfer(bytes([0x1C, 0x05, 0x1D, 0x00, 0x1B, 0x33]), 0)
         assert (read(chip, 0x02), read(chip, 0x1B)) == (b"\x04", b"\x03")
 
-    def test_soft_reset(self, chip: Bmp3) -> None:
+    def test_soft_reset(self, chip: Bmp3, around: Surroundings) -> None:
+        around.now_s += 0.011
         write(chip, 0x1C, 0x05)
+        assert read(chip, 0x1C) == b"\x05"
         write(chip, 0x7E, 0xB6)
         assert read(chip, 0x1C) == b"\x02"
 
