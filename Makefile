@@ -10,7 +10,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: demo test test-all test-system test-wheel examples notebook evaluate docs reference figures lint format clean
+.PHONY: demo test test-all test-system test-wheel examples notebook evaluate mutate docs reference figures lint format clean
 
 demo: $(READY)
 	$(BIN)/sim demo --seed $(SEED) --out demo
@@ -37,6 +37,10 @@ notebook: $(READY)
 # The wheel: built, installed into an environment of its own, and used from another folder. Compiles the kernels anew.
 test-wheel: $(READY)
 	$(BIN)/pytest tests/packaging -m long
+
+# Puts small faults into modules and sees whether their tests notice; without MODULES into those that changed since their score.
+mutate: $(READY)
+	PYTHONPATH=tests/mutation $(BIN)/python -m mutate --jobs $(JOBS) $(MODULES)
 
 EVALUATE = $(BIN)/sim evaluate $(addprefix --dem ,$(DEMS)) --seed $(SEED) --jobs $(JOBS)
 SCENARIOS = $(sort $(basename $(notdir $(wildcard configs/scenarios/evaluate/*.toml))))

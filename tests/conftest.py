@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from hypothesis import settings
+from mutate.score import Book
 
 # Two workers share the processors; linear algebra on threads of its own would make each wait for the other. Before numpy loads.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -60,6 +61,9 @@ def pytest_testnodedown(node: Any) -> None:
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
     for marker, number in sorted(config.stash[LEFT_OUT].items()):
         terminalreporter.write_line(f"tests left out: {number} {marker} ({TARGETS[marker]})")
+    stale = Book(Path(__file__).parent / "mutation").stale()
+    if stale:
+        terminalreporter.write_line(f"mutation scores out of date: {len(stale)} modules (make mutate)")
 
 
 @pytest.fixture(scope="session")
