@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from localizer import output_files
 from localizer.bundle import Bundle
 from localizer.dem.lattice import Dem
+from localizer.durable import sync, write_synced
 from localizer.errors import SkyfixError
 from localizer.search.details import LocateResult
 from localizer.show.candidates import CandidatePlace, places
@@ -105,11 +106,12 @@ def _replace_all(folder: Path, content: Mapping[str, bytes]) -> None:
     try:
         with tempfile.TemporaryDirectory(prefix=".report-", dir=folder) as aside:
             for name, data in content.items():
-                (Path(aside) / name).write_bytes(data)
+                write_synced(Path(aside) / name, data)
             for name in (PAGE, *(name for name, _ in BESIDE_IT)):
                 if name not in content:
                     (folder / name).unlink(missing_ok=True)
             for name in content:
                 (Path(aside) / name).replace(folder / name)
+            sync(folder)
     except OSError as error:
         raise SkyfixError(f"--report: {folder / name}: {error.strerror}") from None

@@ -20,7 +20,7 @@ from pathlib import Path, PurePosixPath
 from typing import IO, Protocol
 
 from localizer.bundle import FILE_NAME, Bundle
-from rig.atomic import sync
+from rig.atomic import make_folder, sync
 from rig.bundle.limits import ArchiveError
 from rig.bundle.summary import TABLE_COLUMNS, table_rows
 from rig.bundle.unpack import SUMS_NAME, bundles_of_archive, unpack_archive
@@ -60,7 +60,7 @@ def write_archive(path: Path, bundles: Sequence[Bundle]) -> None:
     partial = path.with_name(f".{secrets.token_hex(4)}.partial-{path.name}")
     try:
         _require_space(path, bundles)
-        path.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(path.parent)
         with partial.open("xb") as file:
             sums = _write(file, path.name.lower(), bundles)
             file.flush()

@@ -21,7 +21,7 @@ from pathlib import Path, PurePosixPath
 from typing import IO, Any, cast
 
 from localizer.bundle import FILE_NAME, MOST_FRAMES, Bundle, BundleError, load_bundle
-from rig.atomic import sync
+from rig.atomic import make_folder, sync
 from rig.bundle.limits import ArchiveError, Slices, Tally, checked_name, is_plain
 from rig.bundle.writer import MIN_FREE_BYTES
 
@@ -193,7 +193,7 @@ def _made(folder: Path) -> Iterator[None]:
         new.append(path)
         path = path.parent
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         yield
     except BaseException:
         for each in new:

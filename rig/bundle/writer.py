@@ -17,7 +17,7 @@ from pydantic import ValidationError
 
 from localizer.bundle import FILE_NAME, Altitude, Bundle, Camera, Frame, load_bundle, sha256_of
 from localizer.os_errors import why_not_written
-from rig.atomic import sync
+from rig.atomic import make_folder, sync, write_synced
 from rig.errors import RigError
 
 MIN_FREE_BYTES = 20_000_000
@@ -172,10 +172,10 @@ def write_bundle(folder: Path | str, measurement: Measurement) -> Path:
     name = f"{measurement.created:%Y%m%dT%H%M%SZ}-{secrets.token_hex(2)}"
     partial = folder / f".{name}.partial"
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         (partial / "frames").mkdir(parents=True)
         frames = [_write_frame(partial, frame, n) for n, frame in enumerate(measurement.frames, 1)]
-        _write(partial / FILE_NAME, _bundle(name, measurement, frames).to_json().encode())
+        write_synced(partial / FILE_NAME, _bundle(name, measurement, frames).to_json().encode())
         for directory in (partial / "frames", partial):
             sync(directory)
         load_bundle(partial)
@@ -217,7 +217,7 @@ def _write_frame(directory: Path, record: FrameRecord, number: int) -> Frame:
     # on recalibration the label comes from an untrusted bundle
     plain = re.fullmatch(r"[0-9A-Za-z][0-9A-Za-z_.-]*", record.label)
     file = f"frames/{record.label if plain else f'frame-{number}'}.png"
-    _write(directory / file, cv2.imencode(".png", record.image_bgr)[1].tobytes())
+    write_synced(directory / file, cv2.imencode(".png", record.image_bgr)[1].tobytes())
     return Frame.model_validate(
         {
             "label": record.label,
@@ -233,10 +233,3 @@ def _write_frame(directory: Path, record: FrameRecord, number: int) -> Frame:
             "raw": dict(record.raw),
         }
     )
-
-
-def _write(path: Path, content: bytes) -> None:
-    with path.open("xb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())

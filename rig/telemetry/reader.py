@@ -1,6 +1,7 @@
 """Reads telemetry files: whole ones to the end, truncated ones as far as they are readable."""
 
 import dataclasses
+import os
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from mcap.writer import Writer
 
 from localizer.documents import json_values
 from localizer.os_errors import why_not_read, why_not_written
+from rig.atomic import sync
 from rig.errors import RigError
 
 MAX_RECORD_BYTES = 64_000_000
@@ -149,9 +151,12 @@ def mend(source: Path, target: Path) -> int:
         with target.open("xb") as file:
             try:
                 count = _copied(source, file)
+                file.flush()
+                os.fsync(file.fileno())
             except BaseException:
                 target.unlink()
                 raise
+        sync(target.parent)
     except OSError as error:
         raise TelemetryReadError(f"{target}: {why_not_written(error, 'choose another name')}") from error
     return count

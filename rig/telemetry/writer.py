@@ -19,6 +19,7 @@ from mcap.writer import Writer
 
 from localizer.os_errors import why_not_written
 from rig import event_bus, timebase
+from rig.atomic import make_folder, sync
 from rig.config.model import RigConfig
 from rig.devices.camera.frames import TimedFrame
 from rig.errors import RigError
@@ -139,8 +140,10 @@ def _new_file(path: Path) -> tuple[Path, IO[bytes]]:
     for number in range(1, 10_000):
         name = path if number == 1 else path.with_name(f"{path.stem}-{number}{path.suffix}")
         try:
-            name.parent.mkdir(parents=True, exist_ok=True)
-            return name, name.open("xb")
+            make_folder(name.parent)
+            file = name.open("xb")
+            sync(name.parent)
+            return name, file
         except FileExistsError:
             if name.parent.is_dir():
                 continue

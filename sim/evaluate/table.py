@@ -7,6 +7,7 @@ import csv
 import hashlib
 import io
 import json
+import os
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -69,6 +70,8 @@ def start_table(path: Path, settings: dict[str, Any], rows: Sequence[CaseRow]) -
         writer.writeheader()
         for row in sorted(rows, key=lambda r: r.case):
             writer.writerow(row.to_cells())
+        file.flush()
+        os.fsync(file.fileno())  # else a power cut after the rename leaves an empty table
     fresh.replace(path)
 
 

@@ -3,6 +3,7 @@
 import csv
 import io
 import math
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from localizer.documents import DocumentError, read_file
 from localizer.os_errors import why_not_written
 from rig import timebase
+from rig.atomic import sync
 from rig.attitude.accelerometer import Triple
 from rig.capture.averaged_readings import read_level, utc_text
 from rig.clock import Instant
@@ -50,10 +52,12 @@ def record_temperature_log(
             writer = csv.writer(file)
             if file.tell() == 0:
                 writer.writerow(COLUMNS)
+                sync(path.parent)
             while count == 0 or timebase.monotonic_s() < end_s:
                 level, _, _ = read_level(inclinometer, section, section.average_s)
                 writer.writerow([utc_text(Instant.now().utc), level.temperature_c, *level.mean_g])
                 file.flush()
+                os.fsync(file.fileno())  # a log takes hours
                 count += 1
                 timebase.sleep(min(PERIOD_S, max(0.0, end_s - timebase.monotonic_s())))
     except OSError as error:

@@ -24,6 +24,7 @@ from typing import Any, Self
 from localizer.bundle import FILE_NAME
 from localizer.track.odometry import Movement
 from localizer.track.tracker import Tracker, TrackerError
+from rig.atomic import make_folder, sync
 from rig.bundle.writer import MIN_FREE_BYTES
 from rig.daemon.boot import boot_id
 from rig.daemon.spool.bundle_folders import captured_at, remove, size_bytes_of
@@ -71,7 +72,7 @@ class Spool:
         self._on_waiting_changed = on_waiting_changed
         self._lock = threading.RLock()
         try:
-            self.bundles_dir.mkdir(parents=True, exist_ok=True)
+            make_folder(self.bundles_dir)
             self._claim = os.open(folder / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
         except OSError as error:
             raise SpoolError(
@@ -338,10 +339,11 @@ class Spool:
         )
 
     def _delete(self, bundle: str) -> None:
-        """Renamed before deletion: a bundle is complete or absent."""
+        """Renamed before deletion, and the rename brought to the disk first: a bundle is complete or absent."""
         going = self.bundles_dir / f".{bundle}.removed"
         try:
             (self.bundles_dir / bundle).rename(going)
+            sync(self.bundles_dir)
             remove(going)
         except OSError as error:
             raise SpoolError(f"{self.bundles_dir / bundle}: cannot be deleted: {error.strerror}") from error

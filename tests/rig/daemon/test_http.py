@@ -1,22 +1,30 @@
 """The daemon's HTTP API and its access control."""
 
+import asyncio
 import json
+import math
 import re
 import shutil
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from fakes.located import ScriptedActions, answer_of, bundle_id, json_of, write_bundle
+from fastapi import HTTPException
+from fastapi.security import HTTPAuthorizationCredentials
 from fastapi.testclient import TestClient
+from starlette.datastructures import Headers
+from starlette.responses import PlainTextResponse
+from starlette.types import ASGIApp
 
 from localizer.bundle import Bundle
 from localizer.fix import Fix
 from localizer.track.tracker import Tracker
 from rig.config.run import HttpServer
-from rig.daemon.http.access_control import read_token
+from rig.daemon.http.access_control import HostCheck, read_token, token_check
 from rig.daemon.http.app import make_app
 from rig.daemon.http.event_streams import MAX_STREAMS, EventStreams, TooManyStreamsError
 from rig.daemon.http.map import ReliefMap
@@ -313,45 +321,247 @@ def test_a_token_is_read_without_its_line_end(tmp_path: Path) -> None:
     assert read_token(file) == TOKEN
 
 
+@pytest.mark.parametrize(
+    ("mode", "told"), [(0o600, False), (0o640, False), (0o660, False), (0o604, True), (0o644, True)]
+)
+def test_a_token_that_everybody_can_read_is_told_of(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, mode: int, told: bool
+) -> None:
+    file = tmp_path / "token"
+    file.write_text(TOKEN)
+    file.chmod(mode)
+    assert read_token(file) == TOKEN
+    assert ["can be read by everybody: chmod o-r" in text for text in caplog.messages] == [True] * told
+
+
+@pytest.mark.parametrize(("token", "fits"), [("x" * 15, False), ("x" * 16, True), ("x" * 4097, False)])
+def test_a_token_has_16_characters_at_least(tmp_path: Path, token: str, fits: bool) -> None:
+    file = tmp_path / "token"
+    file.write_text(token)
+    if fits:
+        assert read_token(file) == token
+        return
+    with pytest.raises(
+        ConfigError, match=r"\[run\.http\] token_file .*; make one with: openssl rand -hex 16"
+    ):
+        read_token(file)
+
+
 # ---- who asks
 
 
-@pytest.mark.parametrize(
-    "host", ["localhost", "localhost:8080", "127.0.0.1:1", "[::1]:8080", "192.168.1.20", "ROVER.lan:8080"]
-)
-def test_names_of_this_machine_and_addresses_are_answered(published: Published, host: str) -> None:
-    assert published.client.get("/status", headers={"Host": host}).status_code == 200
+REFUSED_TO = "which is not known here: use the address, or add the name to [run.http] names"
+
+
+@pytest.fixture
+def known(monkeypatch: pytest.MonkeyPatch) -> HostCheck:
+    """Of a machine that is called ``rig7.field.example``, with the further name ``Rover.lan``."""
+    monkeypatch.setattr("socket.gethostname", lambda: "Rig7.field.example")
+    return HostCheck(PlainTextResponse("answered"), ["Rover.lan"])
 
 
 @pytest.mark.parametrize(
     "host",
     [
-        "evil.example",
-        "evil.example:8080",
-        "localhost.evil.example",
-        "127.0.0.1.evil.example",
-        "",
-        "localhost:x",
-        "a b",
+        "localhost", "localhost:8080", "LOCALHOST", "localhost.", "127.0.0.1:1", "127.0.0.1:65535", "[::1]", "[::1]:8080",
+        "192.168.1.20", "[fe80::1]", "ROVER.lan:8080", "rover.lan.", "rig7.field.example", "rig7.local:80", "RIG7.local",
     ],
+)  # fmt: skip
+def test_names_of_this_machine_and_addresses_are_known(known: HostCheck, host: str) -> None:
+    assert known.knows(host)
+
+
+@pytest.mark.parametrize(
+    "host",
+    [
+        "evil.example", "evil.example:8080", "localhost.evil.example", "evil.localhost", "a.rover.lan", "xrover.lan",
+        "rover.lanx", "rover.lan.evil.example", "rover", "lan", "rig7", "field.example", "x.rig7.field.example",
+        "rig7.local.example", "rig7.field.example.local", "127.0.0.1.evil.example", "127.0.0", "127.0.0.1.1", "1",
+        "0x7f000001", "[::1", "::1]x", "[::1].evil.example", "", ".", "localhost..", "localhost:", "localhost:x",
+        "localhost:123456", "localhost:80:80", "a b", " localhost", "localhost\n", "user@localhost", "localhost/",
+        "localhost,evil.example",
+    ],
+)  # fmt: skip
+def test_a_name_that_only_resembles_a_known_one_is_not(known: HostCheck, host: str) -> None:
+    assert not known.knows(host)
+
+
+@pytest.mark.parametrize("host", ["localhost:8080", "192.168.1.20", "ROVER.lan:8080"])
+def test_a_request_to_a_known_name_is_answered(published: Published, host: str) -> None:
+    assert published.client.get("/status", headers={"Host": host}).status_code == 200
+
+
+@pytest.mark.parametrize(
+    "path", ["/status", "/", "/events", "/page/app.js", "/bundles", "/metrics", "/openapi.json"]
 )
-def test_a_name_that_merely_resolves_to_this_machine_is_not_answered(published: Published, host: str) -> None:
-    for path in ("/status", "/", "/events", "/page/app.js"):
-        response = published.client.get(path, headers={"Host": host})
-        assert response.status_code == 421
-        assert "names" in response.text
-    assert published.client.post("/capture", headers={"Host": host, **BEARER}).status_code == 421
+def test_a_name_that_merely_resolves_to_this_machine_is_not_answered(published: Published, path: str) -> None:
+    response = published.client.get(path, headers={"Host": "evil.example"})
+    assert response.status_code == 421
+    assert response.text == f"asked as 'evil.example', {REFUSED_TO}\n"
+    assert response.headers["connection"] == "close"
+
+
+def test_a_capture_is_not_begun_for_a_foreign_name_even_with_the_token(published: Published) -> None:
+    response = published.client.post("/capture", headers={"Host": "evil.example", **BEARER})
+    assert response.status_code == 421
     assert published.actions.asked == []
 
 
-def test_all_answers_carry_the_security_headers(published: Published) -> None:
-    for path in ("/", "/status", "/fix", "/nothing", "/openapi.json"):
-        headers = published.client.get(path).headers
-        policy = headers["content-security-policy"]
-        assert "default-src 'none'" in policy
-        assert "unsafe" not in policy
-        assert headers["x-content-type-options"] == "nosniff"
+@pytest.mark.parametrize(
+    ("hosts", "told"),
+    [
+        (["localhost", "localhost"], "2 names"),
+        (["localhost", "evil.example"], "2 names"),
+        (["evil.example", "localhost"], "2 names"),
+        ([], "0 names"),
+        (["e" * 100], repr("e" * 80)),
+    ],
+)
+def test_a_request_has_one_host(known: HostCheck, hosts: list[str], told: str) -> None:
+    """What stands between may look at the other one."""
+    status, headers, body = asked(known, [(b"host", host.encode()) for host in hosts])
+    assert status == 421
+    assert body == f"asked as {told}, {REFUSED_TO}\n".encode()
+    assert headers["x-frame-options"] == "DENY"
+    assert asked(known, [(b"host", b"localhost")])[::2] == (200, b"answered")
+
+
+def asked(app: ASGIApp, headers: list[tuple[bytes, bytes]]) -> tuple[int, Headers, bytes]:
+    """Status, headers and body of the answer to a GET with exactly these headers."""
+    sent: list[Any] = []
+
+    async def receive() -> Any:
+        return {"type": "http.request", "body": b"", "more_body": False}
+
+    async def send(message: Any) -> None:
+        sent.append(message)
+
+    scope = {"type": "http", "method": "GET", "path": "/", "headers": headers, "query_string": b""}
+    asyncio.run(app(scope, receive, send))  # type: ignore[arg-type]
+    start, *rest = sent
+    return start["status"], Headers(raw=start["headers"]), b"".join(each["body"] for each in rest)
+
+
+SECURITY_HEADERS = {
+    "x-content-type-options": "nosniff",
+    "x-frame-options": "DENY",
+    "referrer-policy": "no-referrer",
+    "cross-origin-resource-policy": "same-origin",
+    "cross-origin-opener-policy": "same-origin",
+    "permissions-policy": "camera=(), geolocation=(), microphone=()",
+}
+
+
+@pytest.mark.parametrize("host", ["localhost", "evil.example"])
+def test_all_answers_carry_the_security_headers(published: Published, host: str) -> None:
+    for path in ("/", "/status", "/fix", "/nothing", "/openapi.json", "/metrics"):
+        headers = published.client.get(path, headers={"Host": host}).headers
+        policy = dict(part.split(" ", 1) for part in headers["content-security-policy"].split("; "))
+        assert policy.pop("default-src") == policy.pop("base-uri") == policy.pop("form-action") == "'none'"
+        assert policy.pop("frame-ancestors") == "'none'"
+        assert set(policy.values()) == {"'self'"}
+        assert {name: headers[name] for name in SECURITY_HEADERS} == SECURITY_HEADERS
         assert "access-control-allow-origin" not in headers
+
+
+def test_answers_of_the_moment_are_not_kept_by_anybody(published: Published) -> None:
+    """A fix from a cache would be an old one with a young age. The page's own files are asked for anew each time."""
+    published.answered(answer_of(bundle_id(1)))
+    of_the_moment = (
+        "/fix", "/status", "/log", "/track", "/metrics", "/bundles", f"/bundles/{bundle_id(1)}/fix", "/nothing",
+    )  # fmt: skip
+    for path in of_the_moment:
+        assert published.client.get(path).headers["cache-control"] == "no-store", path
+    refused = published.client.get("/status", headers={"Host": "evil.example"})
+    assert refused.headers["cache-control"] == "no-store"
+    for path in ("/", "/page/app.js"):
+        assert published.client.get(path).headers["cache-control"] == "no-cache", path
+
+
+# ---- guesses
+
+
+class Clock:
+    """Time that passes only while somebody sleeps."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.now_s = 1000.0
+        monkeypatch.setattr("rig.daemon.http.access_control.time.monotonic", lambda: self.now_s)
+        monkeypatch.setattr("rig.daemon.http.access_control.asyncio.sleep", self.sleep)
+
+    async def sleep(self, seconds: float) -> None:
+        assert seconds <= 0.25  # as often it is looked whether the client is still there
+        self.now_s += seconds
+
+
+class Client:
+    """One that shows a wrong token, and leaves after a while."""
+
+    def __init__(self, clock: Clock, leaves_s: float = math.inf) -> None:
+        self.clock, self.leaves_s = clock, leaves_s
+        self.client = SimpleNamespace(host="192.168.1.66")
+
+    async def is_disconnected(self) -> bool:
+        return self.clock.now_s >= self.leaves_s
+
+
+def delay_s(check: Any, clock: Clock, client: Client | None = None, shown: str = "wrong") -> float:
+    """How long the answer to a token takes."""
+    before_s = clock.now_s
+    credentials = HTTPAuthorizationCredentials(scheme="Bearer", credentials=shown)
+    with nullcontext() if shown == TOKEN else pytest.raises(HTTPException) as refused:
+        asyncio.run(check(client or Client(clock), credentials))
+    assert refused is None or refused.value.status_code == 401
+    return clock.now_s - before_s
+
+
+def test_each_wrong_token_doubles_the_delay_up_to_3_s_and_a_minute_of_peace_ends_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    clock, counted = Clock(monkeypatch), list[str]()
+    check = token_check(TOKEN, counted.append)
+    delays_s = [delay_s(check, clock) for _ in range(7)]
+    assert delays_s == pytest.approx([0.1, 0.2, 0.4, 0.8, 1.6, 3.0, 3.0])
+    assert delay_s(check, clock, shown=TOKEN) == 0.0, "the right one is not held up"
+    assert counted == ["wrong tokens"] * 7
+    clock.now_s += 57.0 - 0.1  # less than 60 since the last one was shown
+    assert delay_s(check, clock) == pytest.approx(3.0)
+    clock.now_s += 57.0 + 0.1
+    assert delay_s(check, clock) == pytest.approx(0.1)
+
+
+def test_a_client_that_has_left_does_not_keep_its_place_busy(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = Clock(monkeypatch)
+    check = token_check(TOKEN)
+    for _ in range(6):
+        delay_s(check, clock)
+    assert delay_s(check, clock, Client(clock, clock.now_s + 1.0)) == pytest.approx(1.0)
+
+
+def test_wrong_tokens_are_answered_one_after_the_other_within_15_s(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Clients that leave at once: the next one waits for the turns that they have taken."""
+    clock = Clock(monkeypatch)
+    check = token_check(TOKEN)
+    for _ in range(3):
+        assert delay_s(check, clock, Client(clock, clock.now_s)) == 0.0
+    assert delay_s(check, clock) == pytest.approx(0.1 + 0.2 + 0.4 + 0.8)
+    for _ in range(30):
+        delay_s(check, clock, Client(clock, clock.now_s))
+    assert delay_s(check, clock) == pytest.approx(15.0)
+
+
+def test_wrong_tokens_are_logged_once_a_minute_with_their_number(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    clock = Clock(monkeypatch)
+    check = token_check(TOKEN)
+    for _ in range(4):
+        delay_s(check, clock, Client(clock, clock.now_s))
+    clock.now_s += 60.5
+    delay_s(check, clock)
+    assert caplog.messages == [
+        f"wrong token over HTTP from 192.168.1.66; {number} since the last such line" for number in (1, 4)
+    ]
 
 
 # ---- the rest

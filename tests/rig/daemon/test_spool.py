@@ -160,6 +160,140 @@ class TestQuota:
             spool.make_room()
         assert len(list(spool.bundles_dir.iterdir())) == 3
 
+    def test_a_bundle_larger_than_usual_makes_room_for_another_one_like_it(self, spool: Spool) -> None:
+        """Of 10 MB 6 are taken: another bundle of the usual 3 MB would fit, one of 6 MB as the last does not."""
+        captured(spool, "a", size=6_000_000)
+        with pytest.raises(SpoolFullError, match=r"1 bundles that have not been located take 6 of 10 MB"):
+            spool.make_room()
+        assert "take 6 of 10 MB" in str(spool.space_problem())
+        spool.set_answer(answer_for("a"), Tracker())
+        assert spool.space_problem() is None  # it will be deleted when room is made
+        assert spool.make_room() == ["a"]
+
+
+class FreeDisk:
+    """What is free on a disk, and more with each bundle that leaves it."""
+
+    def __init__(self, spool: Spool, free_bytes: int, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.spool, self.free_bytes = spool, free_bytes
+        self.at_first = self.taken()
+        monkeypatch.setattr("shutil.disk_usage", lambda path: self)
+
+    def taken(self) -> int:
+        return sum(path.stat().st_size for path in self.spool.bundles_dir.rglob("*.png"))
+
+    @property
+    def free(self) -> int:
+        return self.free_bytes + self.at_first - self.taken()
+
+
+class TestDisk:
+    """A bundle of the usual 3 MB and the reserve of 20 MB are to be free: 23,000,000 bytes."""
+
+    def test_the_reserve_and_another_bundle_must_be_free(
+        self, spool: Spool, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        disk = FreeDisk(spool, 23_000_000, monkeypatch)
+        assert spool.make_room() == []
+        assert spool.space_problem() is None
+        disk.free_bytes -= 1
+        with pytest.raises(
+            SpoolFullError, match=r"23 MB are free on its disk, and a bundle with the reserve takes 23;"
+        ):
+            spool.make_room()
+        assert "no located bundle is left to delete" in str(spool.space_problem())
+
+    def test_located_bundles_are_deleted_until_it_is(
+        self, spool: Spool, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        for name in "abc":
+            captured(spool, name, size=2_000_000)
+            spool.set_answer(answer_for(name), Tracker())
+        disk = FreeDisk(spool, 20_000_000, monkeypatch)
+        assert spool.space_problem() is None
+        assert spool.make_room() == ["a", "b"]
+        disk.free_bytes -= 4_000_000
+        assert spool.space_problem() is not None
+        with pytest.raises(SpoolFullError, match="no located bundle is left to delete"):
+            spool.make_room()
+
+    def test_a_disk_that_cannot_be_asked_is_a_problem(
+        self, spool: Spool, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        def gone(path: Path) -> None:
+            raise OSError(5, "Input/output error")
+
+        monkeypatch.setattr("shutil.disk_usage", gone)
+        assert spool.space_problem() == f"{spool.folder}: Input/output error; look at the disk"
+
+
+class TestIndex:
+    def test_it_waits_for_the_disk_at_each_commit(self, spool: Spool) -> None:
+        """SQLite: in WAL mode only ``synchronous = FULL`` (2) keeps a committed transaction through a power cut."""
+        assert spool._db.execute("PRAGMA synchronous").fetchone() == (2,)
+        assert spool._db.execute("PRAGMA journal_mode").fetchone() == ("wal",)
+
+    def test_it_forgets_the_oldest_bundles_that_are_gone_and_no_others(
+        self, spool: Spool, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr("rig.daemon.spool.store.ROWS_KEPT", 3)
+        for name in ("a", "b", "c", "d"):
+            captured(spool, name, size=1)
+            spool.set_answer(answer_for(name), Tracker())
+        for name in ("b", "c", "d"):
+            spool._delete(name)
+        spool.reconcile()
+        assert [entry.bundle for entry in spool.entries(10)] == ["d", "c", "b", "a"]
+        for name in ("e", "f"):  # numbers 5 and 6: up to 3 is too old, if it is gone
+            captured(spool, name, size=1)
+        assert [entry.bundle for entry in spool.entries(10)] == ["f", "e", "d", "a"]
+        assert spool.answer_of("d") is not None
+        assert spool.answer_of("c") is None
+
+    @pytest.mark.parametrize("answered", [True, False])
+    def test_a_bundle_that_comes_back_is_searched_only_if_it_has_no_answer(
+        self, spool: Spool, tmp_path: Path, answered: bool
+    ) -> None:
+        captured(spool, "a", size=1)
+        if answered:
+            spool.set_answer(answer_for("a"), Tracker())
+        else:
+            for _ in range(2):
+                spool.set_failed("a", "crashed")
+        (spool.bundles_dir / "a").rename(tmp_path / "taken away")
+        spool.reconcile()
+        assert (spool.folder_of("a"), spool.next_waiting()) == (None, None)
+        (tmp_path / "taken away" / "frames" / "N.png").write_bytes(b"x" * 998)
+        (tmp_path / "taken away").rename(spool.bundles_dir / "a")
+        assert spool.reconcile() == ["a"]
+        (entry,) = spool.entries(10)
+        assert (entry.here, entry.tries, entry.size_bytes) == (True, 0, 1000)
+        assert entry.state == ("located" if answered else "waiting")
+        assert (spool.answer_of("a") is not None) == answered
+        assert (spool.next_waiting() is None) == answered
+
+    def test_one_of_another_version_is_left_alone(self, tmp_path: Path) -> None:
+        with Spool(tmp_path, QUOTA_MB) as spool:
+            captured(spool, "a", size=1)
+            spool._db.execute("PRAGMA user_version = 2")
+        with pytest.raises(SpoolError, match=r"is of another version of skyfix \(2\); give another"):
+            Spool(tmp_path, QUOTA_MB)
+        assert not list(tmp_path.glob("damaged-*"))
+
+    def test_one_with_a_damaged_page_is_moved_aside(self, tmp_path: Path) -> None:
+        with Spool(tmp_path, QUOTA_MB) as spool:
+            for name in "ab":
+                captured(spool, name, size=1)
+        file = tmp_path / "index.sqlite"
+        content = bytearray(file.read_bytes())
+        page = int.from_bytes(content[16:18], "big")  # the file format: page size at 16, then pages of it
+        content[page : page + 8] = b"\xff" * 8
+        file.write_bytes(content)
+        with Spool(tmp_path, QUOTA_MB) as spool:
+            assert sorted(entry.bundle for entry in spool.entries(10)) == ["a", "b"]
+        (aside,) = tmp_path.glob("damaged-*-index.sqlite")
+        assert aside.read_bytes() == content
+
 
 class TestRestart:
     def test_the_way_since_a_capture_is_not_the_way_since_a_bundle_that_somebody_put_there(
