@@ -132,6 +132,15 @@ class TestWay:
         assert leg.step_m.tolist() == [400.0, 20.0]
         assert leg.covariance_m2.tolist() == [[32.0, 0.0], [0.0, 18.0]]
 
+    def test_without_a_state_and_the_bundle_that_it_belongs_to_a_new_track_is_begun(
+        self, spool: Spool
+    ) -> None:
+        captured(spool, "a", A_LEG, size=1)
+        (entry,) = spool.entries(1)
+        assert spool.tracker_for(entry) == (Tracker(), None)
+        spool.remember("tracker", Tracker(look_evidence=7.0).to_json())
+        assert spool.tracker_for(entry) == (Tracker(), None)
+
     def test_one_unknown_leg_makes_the_way_unknown(self, spool: Spool) -> None:
         captured(spool, "a")
         spool.set_answer(answer_for("a"), Tracker())
