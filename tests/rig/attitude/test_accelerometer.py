@@ -47,6 +47,15 @@ def test_a_chip_without_a_thermometer_is_taken_to_be_as_warm_as_when_it_was_cali
     assert found[0] == pytest.approx(up, abs=1e-9)
 
 
+@pytest.mark.parametrize("temperature_c", [-30.0, 20.0, 60.0])
+def test_without_a_correction_nothing_changes(temperature_c: float) -> None:
+    vectors = np.array([[0.1, -0.2, 0.9], [0.6, 0.0, 0.8]])
+    assert NO_CORRECTION.up_in_head(vectors, temperature_c) == pytest.approx(vectors, abs=1e-15)
+    drifting = AccelerometerCorrection(drift_mg_c=(1.0, 0.0, 0.0))
+    found = drifting.up_in_head(vectors, temperature_c)
+    assert found[:, 0] == pytest.approx(vectors[:, 0] - 0.001 * (temperature_c - 20.0)), "from 20 degrees on"
+
+
 def test_the_third_axis_of_a_chip_of_two_makes_the_length_1_g() -> None:
     found = NO_CORRECTION.up_in_head(
         np.array([[0.6, 0.0, np.nan], [0.48, 0.64, np.nan], [0.6, 0.0, 0.7]]), 20.0

@@ -222,6 +222,12 @@ def test_it_is_set_up_in_position_mode_and_the_profile_comes_after_the_mode(
     assert [a for a, _ in bus.writes if a < 64] == [], "the EEPROM wears out"
 
 
+def test_setting_up_makes_it_answer_everything_first(servo: Servo, bus: RegisterBus) -> None:
+    bus.registers[STATUS_RETURN] = 0
+    servo.configure(100, 4000, 90.0, 300.0)
+    assert bus.writes[0] == (STATUS_RETURN, 2)
+
+
 def test_a_slow_profile_is_not_rounded_to_one_without_limit(servo: Servo, bus: RegisterBus) -> None:
     servo.set_profile(0.1, 0.1)
     assert bus.writes == [(PROFILE_ACCELERATION, 1), (PROFILE_VELOCITY, 1)]
@@ -334,6 +340,27 @@ def test_limits_narrower_than_the_factorys_are_kept(servo: Servo, bus: RegisterB
     assert bus.registers[TEMPERATURE_LIMIT] == 80
 
 
+@pytest.mark.parametrize(
+    ("offset", "problems"), [(-300, ["had a Homing Offset of -300 ticks, left by another program"]), (0, [])]
+)
+def test_a_homing_offset_is_taken_away_and_noted(
+    servo: Servo, bus: RegisterBus, offset: int, problems: list[str]
+) -> None:
+    """It shifts what zero_tick means."""
+    bus.put(HOMING, 4, offset)
+    with collecting() as notes:
+        servo.clear_eeprom(45)
+    assert bus.get(HOMING, 4) == 0
+    assert [note.problem for note in notes.all()] == problems
+
+
+def test_a_reversed_position_is_looked_at_once(servo: Servo, bus: RegisterBus) -> None:
+    """In position mode and not reversed there is nothing that could be forgotten."""
+    bus.put(POSITION, 4, 5000)
+    servo.clear_eeprom(45)
+    assert bus.writes == [(TORQUE, 0)]
+
+
 @pytest.mark.parametrize(("firmware", "left"), [(44, 3), (45, 0)])
 def test_the_startup_configuration_exists_from_firmware_45_on(
     servo: Servo, bus: RegisterBus, firmware: int, left: int
@@ -373,7 +400,14 @@ def test_a_mode_is_not_changed_where_that_forgets_a_turn(
 
 @pytest.mark.parametrize(
     ("homing", "position", "is_refused"),
-    [(1024, 5100, False), (1024, 5121, True), (1025, 4000, False), (1025, 4100, True), (-1024, -1000, False)],
+    [
+        (1024, 5100, False),
+        (1024, 5121, True),
+        (1025, 4000, False),
+        (1025, 4100, True),
+        (-1024, -1000, False),
+        (-1025, -1000, True),
+    ],
 )
 def test_in_position_mode_an_offset_beyond_a_quarter_turn_is_none(
     servo: Servo, bus: RegisterBus, homing: int, position: int, is_refused: bool
