@@ -118,6 +118,18 @@ def test_a_stretch_with_fewer_than_seven_tenths_of_informative_columns_is_not_ju
     assert found == pytest.approx([0.0, counts])
 
 
+@pytest.mark.parametrize(("columns", "counts"), [([0], 0.0), ([1, 2], 0.0), ([0, 1, 3], 1.0 / 3.0)])
+def test_most_columns_of_a_stretch_have_to_be_off(gross, columns, counts):
+    """The median of four is the mean of the middle two: 10 mrad of 20, less than a degree."""
+    residual = FITS.copy()
+    residual[columns] = 0.02
+    assert gross(FITS, residual) == pytest.approx([0.0, counts])
+    found = gross(residual, off(0.03, slice(0, 4)))
+    assert found[1] == pytest.approx(1.0 / 3.0 if columns == [0] else 0.0), (
+        "nor does one column keep it from being explained"
+    )
+
+
 # ---- the comparison
 
 
@@ -153,8 +165,10 @@ def compared(monkeypatch):
         with_edge = SimpleNamespace(middle=SimpleNamespace(name="with edge", stride=2.0, terrain=None))
         monkeypatch.setattr(compare, "refit", refit)
         monkeypatch.setattr(compare, "with_offset_of", lambda place, other, terrain: place)
-        monkeypatch.setattr(compare, "has_edge_columns", lambda problem, place: edge)
-        monkeypatch.setattr(compare, "problems_of", lambda *_, uses_edge_columns: with_edge)
+        monkeypatch.setattr(compare, "has_edge_columns", lambda problem, place: edge and place is places[0])
+        monkeypatch.setattr(
+            compare, "problems_of", lambda *_, uses_edge_columns: with_edge if uses_edge_columns else problems
+        )
         monkeypatch.setattr(
             compare, "_gross_errors", lambda problem, fits: np.zeros(len(fits)) if gross is None else gross
         )

@@ -325,6 +325,14 @@ def test_the_place_of_the_largest_mass_is_the_answer_wherever_it_came_from(selec
     assert decision.status == "fix"
 
 
+def test_that_place_has_to_be_believed_and_no_other(selected):
+    likelier_columns = fit(0.0, nll=-1.0, log_odds=10.0)
+    decision, best, _ = selected([likelier_columns, fit(100.0)], masses={0.0: 0.0, 100.0: 20.0})
+    assert (decision.status, best.row) == ("fix", 100.0)
+    decision, best, _ = selected([likelier_columns, fit(100.0)], masses={0.0: 20.0, 100.0: 0.0})
+    assert (decision.status, best) == ("none", None)
+
+
 def test_what_limits_left_out_adds_up_to_elsewhere(selected):
     """Two rejected places 12 nats behind, 2 more than refinement may gain; and a cutoff one sigma above the place."""
     rejected = [fit(300.0, log_odds=76.0), fit(400.0, log_odds=76.0)]

@@ -45,7 +45,7 @@ def frame(label: str, points: int = 100, **changes: object) -> FrameObservation:
 
 
 def observation(labels: str, blind: str = "") -> Observation:
-    frames = tuple(frame(label, points=1 if label in blind else 100) for label in labels)
+    frames = tuple(frame(label, points=1 if label in blind else 2) for label in labels)
     return Observation(frames, 2.0, None, np.inf, 1.0, 0.02)
 
 
@@ -121,6 +121,11 @@ def test_of_two_frames_neither_can_be_the_wrong_one(checked):
     assert checked("NE", NONE, {}, {})[1] == []
     assert checked("NES", NONE, {}, {}, blind="S")[1] == [], "a frame with one point sees nothing"
     assert checked("NES", NONE, {}, {})[1] == ["N", "E", "S"]
+
+
+def test_a_frame_that_sees_nothing_has_no_agreement(checked):
+    found, _ = checked("NESW", answer("first"), {"first": ALL}, {}, blind="S")
+    assert set(found.agreement) == {"N", "E", "W"}
 
 
 def test_an_answer_without_a_frame_replaces_the_first_if_that_frame_alone_contradicts_it(checked):
@@ -253,6 +258,18 @@ def test_the_azimuth_counts_by_the_slope_of_the_horizon(agreement):
     seen = dataclasses.replace(seen, v_px=rows)
     assert agreement(seen, off(6.6)) == 1.0
     assert agreement(seen, off(6.9)) == 0.0
+
+
+@pytest.mark.parametrize("rising", [True, False])
+@pytest.mark.parametrize(("sigma_mrad", "share"), [(5.0, 0.1), (0.0, 0.0)])
+def test_beside_a_cliff_either_height_fits_as_far_as_the_azimuth_is_uncertain(
+    agreement, rising, sigma_mrad, share
+):
+    """The contour is 10 mrad too high everywhere; within 5 mrad, five columns, on either side of a cliff of 0.1 rad it fits."""
+    cliff = lambda azimuth_deg: np.degrees(0.1 * ((azimuth_deg > 0.0) == rising))  # noqa: E731
+    high = 49.5 - 1000.0 * np.tan(0.01 + 0.1 * ((np.arange(100) > 49.5) == rising))
+    seen = frame("N", azimuth_sigma_deg=np.degrees(sigma_mrad * 1e-3), v_px=high)
+    assert agreement(seen, cliff) == pytest.approx(share, abs=0.001)
 
 
 def test_the_biases_of_the_place_are_taken_off_the_readings(agreement):

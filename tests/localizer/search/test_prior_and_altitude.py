@@ -1,6 +1,7 @@
 """The prior circle as cells, uncertain vertical references, and the reasons' words."""
 
 import dataclasses
+import warnings
 from types import SimpleNamespace
 
 import numpy as np
@@ -71,6 +72,30 @@ def test_the_cells_are_those_within_the_radius(terrain, off_cells):
     assert inside.any()
 
 
+def test_in_a_circle_of_60_km_meridians_converge():
+    """At 66 deg north a parallel bends away from the geodesic by 600 m in 60 km."""
+    terrain = terrain_of("EPSG:4326", 1.0 / 60.0, 9.0, 67.0)
+    lon_deg, lat_deg = rowcol_to_lonlat(terrain.dem, 60.3, 60.7)
+    prior = PriorCircle(float(lat_deg), float(lon_deg), 40_000.0)
+    inside, away_m = cells_within_prior(terrain, seeing(prior)), by_geodesics(terrain, prior)
+    assert inside[away_m < 39_950.0].all()
+    assert not inside[away_m > 40_050.0].any()
+    assert 0.05 < inside.mean() < 0.95
+
+
+@pytest.mark.parametrize(("width", "height"), [(30.0, 120.0), (120.0, 30.0)])
+def test_cells_may_be_longer_than_wide(width, height):
+    transform = Affine.translation(500_000.0, 5_200_000.0) @ Affine.scale(width, -height)
+    terrain = prepare_terrain(
+        dem_from_array(np.zeros((81, 81), np.float32), transform, CRS.from_user_input("EPSG:32632"))
+    )
+    lon_deg, lat_deg = rowcol_to_lonlat(terrain.dem, 40.3, 39.7)
+    prior = PriorCircle(float(lat_deg), float(lon_deg), 1000.0)
+    inside, away_m = cells_within_prior(terrain, seeing(prior)), by_geodesics(terrain, prior)
+    assert inside[away_m < 999.5].all()
+    assert not inside[away_m > 1000.5].any()
+
+
 def test_a_small_circle_holds_the_cells_that_lie_in_it():
     terrain = terrain_of("EPSG:32632", 30.0, 500_000.0, 5_200_000.0)
     lon_deg, lat_deg = rowcol_to_lonlat(terrain.dem, 60.0, 40.0)
@@ -98,7 +123,10 @@ def test_a_circle_beside_the_dem_holds_no_cell_and_none_is_no_limit():
     terrain = terrain_of("EPSG:32632", 30.0, 500_000.0, 5_200_000.0)
     assert cells_within_prior(terrain, seeing()) is None
     assert not cells_within_prior(terrain, seeing(PriorCircle(40.0, 9.0, 5000.0))).any()
-    assert not cells_within_prior(terrain, seeing(PriorCircle(-40.0, -171.0, 5000.0))).any()
+    for lat_deg, lon_deg in ((-40.0, -171.0), (0.0, 99.0), (90.0, 0.0), (0.0, -81.0)):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            assert not cells_within_prior(terrain, seeing(PriorCircle(lat_deg, lon_deg, 5000.0))).any()
 
 
 # ---- altitude
