@@ -33,10 +33,11 @@ test-all: $(READY)
 test-nightly: $(READY)
 	$(PYTEST) -n 2 --dist worksteal -m "not system" --hypothesis-profile nightly --timeout 7200
 
-# Tests against gpsd, a browser and systemd, installed if missing. Mostly waiting.
+# Tests against gpsd, a browser and systemd, installed if missing. Mostly waiting. In their order: a machine is installed,
+# used and cleared away again.
 test-system: $(READY)
 	tests/system/packages
-	$(BIN)/pytest -n 3 --dist loadfile -m "system and not long"
+	$(BIN)/pytest -n 3 --dist loadfile -p no:randomly -m "system and not long"
 
 # The code in the documentation: docstrings, the guide, its notebook; and a typed program that uses the wheel.
 examples: $(READY)

@@ -144,11 +144,8 @@ def test_pictures_do_not_wait_for_a_compass_that_is_gone(running: RunningRig, tm
         return 0.0
 
     running.rig.compass_off_deg = gone
-    begun_s = timebase.monotonic_s()
     content = json.loads((take(running, tmp_path, "N,E,S,W") / "bundle.json").read_text())
-    assert timebase.monotonic_s() - begun_s < 15.0, (
-        "a lost port is waited for 5 s where nothing goes on without it"
-    )
+    assert running.rig.compass_readings == 3 + 4, "asked once at each picture, not until it comes back"
     assert not any("field_ut" in frame["raw"] for frame in content["frames"])
     assert {(note["problem"], note["count"]) for note in content["raw"]["faults"]} == {("was pulled out", 4)}
     assert content["calibration"]["heading"]["heading_deg"] == pytest.approx(30.0, abs=0.1)

@@ -13,11 +13,13 @@ from pathlib import Path
 import pytest
 from fakes.bundle import write_one
 from fakes.command import Run, one_line, written
-from fakes.whole_rig import SPEED, RunningRig
+from fakes.servos import HARDWARE_ERROR
+from fakes.whole_rig import RunningRig
 
 from localizer.bundle import Bundle, load_bundle
 from rig.series import run as series_run
 from rig.series.journal import (
+    Outcome,
     Plan,
     Series,
     SeriesError,
@@ -41,14 +43,22 @@ def the_series(folder: Path) -> Path:
     return path
 
 
-def test_a_series_goes_on_after_a_failure(run: Run, running: RunningRig, tmp_path: Path) -> None:
+def test_a_series_goes_on_after_a_failure(
+    run: Run, running: RunningRig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    note = Series.failed
+
     def overload_once() -> None:
         if running.rig.readings_taken == 2:
-            running.rig.pan.registers[70] = 0x20
-            threading.Timer(3.0 / SPEED, running.rig.pan.registers.__setitem__, (70, 0)).start()
+            running.rig.pan.registers[HARDWARE_ERROR] = 0x20
+
+    def note_and_put_right(series: Series, number: int, took_s: float, reason: str) -> Outcome:
+        running.rig.pan.registers[HARDWARE_ERROR] = 0
+        return note(series, number, took_s, reason)
 
     running.rig.before_reading = overload_once
-    options = "--config", written(running, tmp_path), "--directions", "E", "--repeat", "2", "--every", "6"
+    monkeypatch.setattr(Series, "failed", note_and_put_right)
+    options = "--config", written(running, tmp_path), "--directions", "E", "--repeat", "2", "--every", "1"
     status, out, err = run("capture", *options)
     assert status == 2
     (bundle_dir,) = out.splitlines()
