@@ -401,3 +401,98 @@ def test_a_fit_whose_strict_version_wins_stays_strict_with_all_columns(refits):
     calls, _, run = refits(answer)
     run(fit_at(inlier_share=0.9))
     assert calls[-1][2]["sigma_factor"] == 0.3
+
+
+def test_the_other_unknowns_are_fitted_in_one_step_and_all_terms_count(monkeypatch):
+    """For H = diag(2, 4) and g = (6, -8) of the other unknowns the step is (3, -2) and the gain 0.5 (18 + 16) = 17."""
+    size = 4  # east, north, altitude, and a bias
+    hessian, gradient = np.diag([1e3, 1e3, 2.0, 4.0]), np.array([7.0, 7.0, 6.0, -8.0])
+    for name, answer in (
+        ("residual_sigma", np.ones(3)),
+        ("informative_columns", np.ones(3, bool)),
+        ("ordered_columns", None),
+        ("normal_equations", SimpleNamespace(hessian=hessian, gradient=gradient, nll=0.0)),
+        ("visible_nll", 100.0),
+        ("prior_nll", 20.0),
+        ("outlier_penalty", 3.0),
+        ("normalisation_term", 0.5),
+    ):
+        monkeypatch.setattr(local_grid, name, lambda *_, answer=answer: answer)
+    x = np.array([1.0, 2.0, 500.0, 0.0])
+    nll, fitted = local_grid._conditional_optimum(
+        SimpleNamespace(size=size),  # type: ignore[arg-type]
+        x,
+        SimpleNamespace(residual=np.zeros(3)),  # type: ignore[arg-type]
+        NOISE,
+    )
+    assert nll == pytest.approx(100.0 + 20.0 + 3.0 + 0.5 - 17.0)
+    assert list(fitted) == [1.0, 2.0, 497.0, 2.0]
+    assert list(x) == [1.0, 2.0, 500.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("ends_at", "evidence", "is_plausible"),
+    [
+        ((20.0, 21.6), 75.0, True),  # 15 nats less than the fit's 90
+        ((20.0, 21.6), 74.9, False),
+        ((20.0, 20.9), 90.0, False),  # nearer to the fit than to the point at column 22
+        ((20.0, 21.1), 90.0, True),
+        ((22.5, 22.0), 90.0, True),
+    ],
+)
+def test_a_point_is_plausible_if_a_fit_from_it_stays_there_and_explains_as_much(
+    monkeypatch, averaged, ends_at, evidence, is_plausible
+):
+    kept = []
+
+    def second_moment(problem, start, noise, reach, step, temperature, plausible):
+        monkeypatch.setattr(local_optima, "refit", lambda *_, **__: fit_at(*ends_at, evidence=evidence))
+        kept.append(plausible(20.0, 22.0, 522.0))
+        return np.eye(2)
+
+    best = fit_at()
+    monkeypatch.setattr(local_optima, "refit", lambda problem, start, largest, **_: start)
+    monkeypatch.setattr(local_optima, "grid_second_moment", second_moment)
+    problems = SimpleNamespace(
+        coarse=SimpleNamespace(stride=4, sigma_rad=np.zeros(25)),
+        full=SimpleNamespace(terrain=terrain_of(np.full((SIDE, SIDE), 500.0)), sigma_rad=np.zeros(100)),
+    )
+    local_optima._averaged_over_optima(problems, best, [best], [], 12.0)  # type: ignore[arg-type]
+    assert kept == [is_plausible]
+
+
+def test_of_many_optima_four_are_refitted_and_two_of_them_strictly(refits):
+    """Five points of each grid, all of them better than the fit that there was."""
+
+    def answer(name, start, options):
+        return dataclasses.replace(start, neg_log_posterior=100.0 - start.row, inlier_share=0.9)
+
+    calls, _, run = refits(answer, [(row, 20.0) for row in (21.0, 22.0, 23.0, 24.0, 25.0)])
+    run(fit_at(inlier_share=0.9))
+    fine = [(start.row, options.get("sigma_factor", 1.0)) for name, start, options in calls if name == "fine"]
+    assert [row for row, factor in fine[:4]] == [20.0, 25.0, 24.0, 23.0]
+    assert [row for row, factor in fine if factor == 0.3] == [25.0, 25.0]
+    assert all(options["estimate_noise"] for _, _, options in calls), "each fit finds its own noise"
+
+
+@pytest.mark.parametrize(("apart", "strict"), [(0.049, False), (0.051, True)])
+def test_fits_that_end_at_different_optima_are_searched_more_finely(refits, apart, strict):
+    def answer(name, start, options):
+        ends = (
+            HOME[0] + apart
+            if name == "fine" and start.row == 21.0
+            else HOME[0]
+            if name == "fine"
+            else start.row
+        )
+        return dataclasses.replace(start, row=ends)
+
+    _, asked, run = refits(answer, [(21.0, 20.0)])
+    run(fit_at())
+    assert len(asked) == (2 if strict else 1)
+
+
+@pytest.mark.parametrize(("col", "rise_m"), [(25.0, 5.0), (60.0, 0.0)])
+def test_beside_the_dem_a_fit_keeps_its_altitude(terrain, col, rise_m):
+    moved = local_optima._at(fit_at(), HOME[0], col, terrain)
+    assert (moved.row, moved.col, moved.altitude_m) == pytest.approx((HOME[0], col, 522.0 + rise_m))

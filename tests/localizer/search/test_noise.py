@@ -118,7 +118,12 @@ def test_the_size_is_the_one_whose_median_normalised_residual_is_that_of_a_gauss
 
 @pytest.mark.parametrize(
     ("residual_rad", "largest_m", "expected_m"),
-    [(0.0, 12.0, 0.1), (1e-2, 12.0, 12.0), (1e-2, 5.0, 5.0)],
+    [
+        (0.0, 12.0, 0.1),
+        (1e-4, 12.0, np.sqrt((1e-4 / 0.6745) ** 2 - CONTOUR_RAD**2) * DISTANCE_M),  # 0.42 m
+        (1e-2, 12.0, 12.0),
+        (1e-2, 5.0, 5.0),
+    ],
 )
 def test_the_size_is_bounded(residual_rad, largest_m, expected_m):
     residual = np.tile([residual_rad, -residual_rad], 50)
@@ -174,6 +179,20 @@ def test_the_ends_of_two_frames_are_no_neighbours():
 def test_one_residual_for_all_columns_is_correlated_over_a_third_of_the_frame():
     noise = estimate(np.full(30, 1e-3), by_likelihood=False)
     assert noise.correlation_columns == pytest.approx(1.0 + 2.0 * 9.0)  # lags 1 to 9 of 30 columns
+
+
+def test_a_stretch_of_outliers_does_not_count_as_correlation():
+    residual = drawn(4.0, count=3000)
+    assert estimate(residual, by_likelihood=False).correlation_columns < 1.3
+    residual[500:1100] += 0.2
+    assert estimate(residual, by_likelihood=False).correlation_columns < 1.6
+
+
+def test_the_longest_frame_says_how_far_columns_are_correlated():
+    problem = problem_of(36, 2)
+    problem.frame_of = np.repeat([0, 1], [30, 6])
+    found = estimated_noise(problem, np.zeros(8), evaluated(np.full(36, 1e-3)), PRIOR, LARGEST_M, False)  # type: ignore[arg-type]
+    assert found.correlation_columns == pytest.approx(1.0 + 2.0 * 9.0)
 
 
 # ---- limits

@@ -33,7 +33,7 @@ def rounds(monkeypatch):
         def search(terrain, seen, cells, eye_m, slack_m, offsets_deg, sigma_deg, dem_error_m, every_deg):
             calls.append(
                 SimpleNamespace(
-                    cells=len(cells), every_deg=every_deg, eye_m=eye_m[0], slack_m=slack_m[0],
+                    cells=len(cells), every_deg=every_deg, eye_m=list(eye_m[:2]), slack_m=slack_m[0],
                     offsets_deg=offsets_deg, sigma_deg=sigma_deg, dem_error_m=dem_error_m,
                 )
             )  # fmt: skip
@@ -45,7 +45,7 @@ def rounds(monkeypatch):
         cells = np.column_stack([np.arange(count), np.zeros(count, np.int64)])
         terrain = SimpleNamespace(
             half_cell_relief_m=np.full((count, 1), RELIEF_M, np.float32),
-            height_m=np.full((count, 1), GROUND_M, np.float32),
+            height_m=(GROUND_M + 10.0 * np.arange(count)[:, None]).astype(np.float32),
             nominal_error_m=3.0,
         )
         observation = Observation((), MAST_M, altitude_m, 5.0, 1.5, 0.02)
@@ -70,14 +70,16 @@ def test_good_cells_go_on_up_to_a_limit(rounds):
 
 def test_cells_within_six_sigma_of_the_best_go_on(rounds):
     """All round there are 60 sectors of 6 deg: sigma = sqrt(2 / 60) = 0.18257, six of them 1.0954."""
-    ranked, calls = rounds(1000, lambda row: 0.0 if row < 700 else (1.095 if row < 800 else 1.096))
+    ranked, calls = rounds(1000, lambda row: 0.0 if row == 0 else (1.095 if row < 800 else 1.096))
     assert calls[1].cells == 800
+    assert len(ranked.scored.cells) == 600
     assert ranked.sigma == pytest.approx(math.sqrt(2.0 / 60.0))
     assert [cutoff.sigma for cutoff in ranked.cutoffs] == pytest.approx([ranked.sigma] * 2)
 
 
-def test_if_all_cells_go_on_nothing_was_rejected(rounds):
-    ranked, _ = rounds(100, float)
+@pytest.mark.parametrize("count", [100, 150])
+def test_if_all_cells_go_on_nothing_was_rejected(rounds, count):
+    ranked, _ = rounds(count, float)
     assert [cutoff.best_rejected for cutoff in ranked.cutoffs] == [math.inf, math.inf]
 
 
@@ -127,7 +129,8 @@ def test_headings_are_at_most_2_deg_apart(rounds, offsets, step_deg, count):
 
 @pytest.mark.parametrize(
     ("altitude_m", "eye_m"),
-    [(None, 102.0), (103.0, 103.0), (200.0, 106.0), (0.0, 98.0)],  # mast of 2 m; relief of 4 m to each side
+    # of two cells at 100 and 110 m: mast of 2 m; relief of 4 m to each side
+    [(None, [102.0, 112.0]), (103.0, [103.0, 108.0]), (200.0, [106.0, 116.0]), (0.0, [98.0, 108.0])],
 )
 def test_the_eye_is_at_the_altimeter_s_height_as_far_as_the_relief_allows(rounds, altitude_m, eye_m):
     _, calls = rounds(10, float, altitude_m=altitude_m)

@@ -279,3 +279,39 @@ def test_no_more_than_64_hypotheses_are_carried_on():
     many = [(at_m(200.0 * i), (100.0 - i) / 5020.0) for i in range(80)]
     posteriors = update(Mixture(), measured(*many, outlier=0.0))
     assert [p.number for p in posteriors] == list(range(64))
+
+
+# ---- what a place may be
+
+
+def test_of_two_places_with_all_their_errors_in_common_the_middle_is_taken():
+    """Each is as good as any mean of both: neither is preferred."""
+    one, two = at_m(0.0, covariance=100.0, common=100.0), at_m(10.0, covariance=100.0, common=100.0)
+    fused = fuse(one, two)
+    assert offset_m(HOME, fused) == pytest.approx([5.0, 0.0], abs=0.05)
+    assert fused.covariance == pytest.approx(100.0 * np.eye(2), rel=1e-3, abs=1e-3)
+
+
+def test_without_more_said_nothing_is_in_common():
+    place = GaussianPlace(lat_deg=46.2, lon_deg=-122.2, covariance_enu_m2=((4.0, 1.0), (1.0, 3.0)))
+    assert place.common == pytest.approx(np.zeros((2, 2)))
+
+
+def test_rounding_of_a_billionth_of_a_covariance_is_forgiven_and_no_more():
+    for off, refused in ((0.9e-3, False), (1.1e-3, True)):
+        fields = {"lat_deg": 0.0, "lon_deg": 0.0, "covariance_enu_m2": ((1e6, -off), (0.0, 2.0))}
+        if refused:
+            with pytest.raises(ValueError, match="a covariance is symmetric"):
+                GaussianPlace(**fields)
+        else:
+            GaussianPlace(**fields)
+    with pytest.raises(ValueError, match="a covariance is symmetric"):
+        GaussianPlace(lat_deg=0.0, lon_deg=0.0, covariance_enu_m2=((1e-3, 1.1e-9), (0.0, 1e-3)))
+    GaussianPlace(lat_deg=0.0, lon_deg=0.0, covariance_enu_m2=((1e-3, 0.9e-9), (0.0, 1e-3)))
+
+
+def test_a_place_is_finite_and_does_not_change():
+    with pytest.raises(ValueError, match="finite"):
+        GaussianPlace(lat_deg=0.0, lon_deg=0.0, covariance_enu_m2=((np.inf, 0.0), (0.0, 1.0)))
+    with pytest.raises(ValueError, match="frozen"):
+        HOME.lat_deg = 1.0
