@@ -5,7 +5,7 @@ import tomllib
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from mutate.trial import Result, source_digest
+from mutate.result import Result, source_digest
 
 GOAL = 0.85
 EQUIVALENT = "equivalent:"

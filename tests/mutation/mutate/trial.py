@@ -2,7 +2,6 @@
 
 import compileall
 import contextlib
-import hashlib
 import multiprocessing
 import os
 import pickle
@@ -12,12 +11,14 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from multiprocessing.queues import SimpleQueue
 from pathlib import Path
 from typing import Any
 
+import numba
+
 from mutate.mutants import Mutant, mutants_of
+from mutate.result import Result
 from mutate.tests_of import Chosen, Runs, observe, run
 
 COPIED = (
@@ -37,29 +38,10 @@ HEAVY = (
     "rasterio", "hypothesis", "fastapi", "structlog", "serial", "smbus2", "dynamixel_sdk", "coverage", "pytest",
 )  # fmt: skip
 """Libraries that are loaded once, before the process forks into one child a mutant."""
+KERNEL = "@kernel("
 BASE_S = 20.0
 SLOWER = 8.0
 """A mutant whose tests take longer than BASE_S and this many times their usual time does not end: the tests notice."""
-
-
-@dataclass(frozen=True)
-class Result:
-    """What became of a module's mutants."""
-
-    module: str
-    mutants: int
-    """How many the module has."""
-    tried: int
-    survivors: tuple[str, ...]
-    """Names of those that no test noticed."""
-    cpu_s: float
-    refused: str = ""
-    """Why the module could not be tried."""
-
-
-def source_digest(path: Path) -> str:
-    """Tells whether a module is the one that a score was measured on."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()[:12]
 
 
 def try_modules(
@@ -75,7 +57,7 @@ def try_modules(
     for name, tests in modules.items():
         asked.put((name, tests))
     workers = [
-        context.Process(target=_work, args=(root, work / f"tree-{number}", most, asked, answered))
+        context.Process(target=_work, args=(root, work / f"{os.getpid()}-{number}", most, asked, answered))
         for number in range(min(jobs, len(modules)))
     ]
     for worker in workers:
@@ -92,12 +74,13 @@ def try_modules(
         for worker in workers:
             worker.terminate()
             worker.join()
+        for number in range(len(workers)):
+            shutil.rmtree(work / f"{os.getpid()}-{number}", ignore_errors=True)
 
 
 def _work(
     root: Path, tree: Path, most: int | None, asked: SimpleQueue[Any], answered: SimpleQueue[Any]
 ) -> None:
-    shutil.rmtree(tree, ignore_errors=True)
     tree.mkdir(parents=True)
     for part in COPIED:
         if (root / part).is_dir():
@@ -128,7 +111,9 @@ def _try_module(tree: Path, module: str, tests: list[str], most: int | None) -> 
     if most is not None and most < len(mutants):
         order = {mutant: number for number, mutant in enumerate(mutants)}
         chosen = sorted(random.Random(module).sample(mutants, most), key=order.__getitem__)
-    runs = _observed(path, tests)
+    # Compiled code tells nobody which of its lines run, and would have to be compiled anew for each mutant.
+    as_python = KERNEL in text
+    runs = _observed(path, tests, as_python=as_python)
     if runs.failed:
         return Result(module, len(mutants), 0, (), 0.0, f"without a fault, {runs.failed[0]} fails")
     survivors = []
@@ -137,7 +122,7 @@ def _try_module(tree: Path, module: str, tests: list[str], most: int | None) -> 
         for mutant in chosen:
             path.write_text(mutant.applied(text))
             _forget_compiled(path)
-            if not _noticed(mutant, tests, runs):
+            if not _noticed(mutant, runs, as_python=as_python):
                 survivors.append(mutant.name)
     finally:
         path.write_text(text)
@@ -153,9 +138,11 @@ def _forget_compiled(path: Path) -> None:
         compiled.unlink()
 
 
-def _observed(path: Path, tests: Sequence[str]) -> Runs:
+def _observed(path: Path, tests: Sequence[str], *, as_python: bool) -> Runs:
     result = path.with_suffix(".observed")
-    status = _in_child(lambda: _keep(result, observe(path, tests)), 3600.0, keep_compiled=True)
+    status = _in_child(
+        lambda: _keep(result, observe(path, tests)), 3600.0, keep_bytecode=True, as_python=as_python
+    )
     if status != 0:
         raise RuntimeError(f"the tests of {path} end with status {status}")
     try:
@@ -170,7 +157,7 @@ def _keep(path: Path, value: object) -> int:
     return 0
 
 
-def _noticed(mutant: Mutant, tests: Sequence[str], runs: Runs) -> bool:
+def _noticed(mutant: Mutant, runs: Runs, *, as_python: bool) -> bool:
     """Whether a test fails: first of those that ran the line, then of all that are in a file with one of those."""
     by_line = runs.tests_by_line
     ran: set[str] = set().union(
@@ -180,28 +167,35 @@ def _noticed(mutant: Mutant, tests: Sequence[str], runs: Runs) -> bool:
         ran = set().union(*by_line.values())
     files = {name.split("::")[0] for name in ran}
     near = {name for name in runs.seconds if name.split("::")[0] in files}
-    return any(_fails(names, runs) for names in (ran, near - ran) if names)
+    return any(_fails(names, runs, as_python=as_python) for names in (ran, near - ran) if names)
 
 
-def _fails(names: set[str], runs: Runs) -> bool:
+def _fails(names: set[str], runs: Runs, *, as_python: bool) -> bool:
     seconds = {name: runs.seconds[name] for name in names}
     files = sorted({name.split("::")[0] for name in names})
     usual_s = sum(seconds.values())
     status = _in_child(
-        lambda: run(files, first_failure=True, plugins=[Chosen(seconds)]), BASE_S + SLOWER * usual_s
+        lambda: run(files, first_failure=True, plugins=[Chosen(seconds)]),
+        BASE_S + SLOWER * usual_s,
+        as_python=as_python,
     )
     return status != 0
 
 
-def _in_child(work: Callable[[], int], limit_s: float, *, keep_compiled: bool = False) -> int:
+def _in_child(
+    work: Callable[[], int], limit_s: float, *, as_python: bool, keep_bytecode: bool = False
+) -> int:
     """Exit status of `work` in a forked process; that and all that it has started end with it, at `limit_s` at the latest."""
     child = os.fork()
     if child == 0:
         status = 70
         try:
             os.setsid()
-            sys.dont_write_bytecode = not keep_compiled
-            os.environ["PYTHONDONTWRITEBYTECODE"] = "" if keep_compiled else "1"
+            sys.dont_write_bytecode = not keep_bytecode
+            os.environ["PYTHONDONTWRITEBYTECODE"] = "" if keep_bytecode else "1"
+            if as_python:
+                os.environ["NUMBA_DISABLE_JIT"] = "1"
+                numba.config.DISABLE_JIT = 1  # type: ignore[attr-defined]
             with Path(os.devnull).open("w") as nothing:
                 os.dup2(nothing.fileno(), 1)
                 os.dup2(nothing.fileno(), 2)
