@@ -50,7 +50,7 @@ def test_the_file_is_small_sorted_and_without_defects(frozen):
 def test_all_statuses_are_among_the_answers(frozen):
     statuses = [answer.status for case in frozen.values() for answer in case.answers]
     for status in ("fix", "ambiguous", "none", "refused"):
-        assert statuses.count(status) >= 5, status
+        assert statuses.count(status) >= 4, status
 
 
 def test_no_frozen_fix_is_far_from_the_truth(frozen):
