@@ -40,7 +40,7 @@ QUANTITIES: dict[str, Quantity] = {
     "altitude bias": Quantity(0.05, "m"),
     "points": Quantity(2.0, "points"),
 }
-"""Tolerances: above what threads, processes and instruction sets change (docs/testing.md), below what a user notices."""
+"""Tolerances: chosen, so that what is within them does not matter to a user (docs/testing.md)."""
 NUMBERS = {
     "probability": "probability",
     "elsewhere": "elsewhere",

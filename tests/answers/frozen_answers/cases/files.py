@@ -131,7 +131,7 @@ STORED: dict[str, Callable[[Grid], Ground]] = {
     "utm-egm96": _as(crs="EPSG:32610+5773"),
     "utm-egm2008": _as(crs="EPSG:32610+3855"),
     "unnamed-datum": _as(crs="+proj=utm +zone=10 +ellps=clrk66 +units=m +no_defs"),
-    "no-earth": _as(crs="+proj=utm +zone=10 +R=1737400 +units=m +no_defs"),
+    "no-earth": _as(crs="+proj=tmerc +lon_0=-123 +k=0.9996 +x_0=500000 +R=1737400 +units=m +no_defs"),
     "turned-grid": _turned,
     "two-files": _halves,
     "two-files-swapped": partial(_halves, swapped=True),
