@@ -27,7 +27,7 @@ MADE_WHEN_RUN = shutil.ignore_patterns("__pycache__", "*.egg-info")
 def files_of(package: str) -> Iterator[str]:
     """All files of a package in the sources, those behind links too, as a wheel names them."""
     for folder, _, names in os.walk(ROOT / package, followlinks=True):
-        if Path(folder).name != "__pycache__":
+        if "__pycache__" not in Path(folder).parts:
             yield from (str(Path(folder, name).relative_to(ROOT)) for name in names)
 
 
