@@ -5,9 +5,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from fits import refined
 
 from localizer.search import compare
-from localizer.search.fit.correlated_errors import ErrorModel
 from localizer.search.fit.refine import Refined
 
 PER_SECTOR = 12
@@ -16,26 +16,8 @@ SIGMA_RAD = 1e-3
 
 
 def place(row: float = 0.0, **changes: object) -> Refined:
-    good = Refined(
-        row=row,
-        col=50.0,
-        altitude_m=800.0,
-        azimuth_bias_deg=0.0,
-        azimuth_bias_sigma_deg=0.1,
-        tilt_bias_deg=0.0,
-        frame_errors_deg=np.zeros((1, 3)),
-        covariance_enu_m2=np.eye(2),
-        neg_log_posterior=0.0,
-        dem_error_m=1.0,
-        correlation_columns=4.0,
-        inlier_share=0.98,
-        prior_chi2=4.0,
-        residual_px={"N": 0.5},
-        mean_column_nll=0.0,
-        evidence=90.0,
-        error_model=ErrorModel(0.1, 0.5, 240.0),
-    )
-    return dataclasses.replace(good, **changes)
+    few = {"frame_errors_deg": np.zeros((1, 3)), "correlation_columns": 4.0}
+    return refined(row, **(few | changes))
 
 
 # ---- gross errors

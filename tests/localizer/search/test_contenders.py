@@ -6,12 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from craters import CRATERS, SIDE, WEST_SPOT, Scene, make_scene
+from fits import refined
 
 from localizer.observation import Observation
 from localizer.search import selection
 from localizer.search.coarse_to_fine import Cutoff, RankedCells
 from localizer.search.contours import frame_contour
-from localizer.search.fit.correlated_errors import ErrorModel
 from localizer.search.fit.refine import Refined
 from localizer.search.selection import select_place
 from localizer.search.stage2 import ScoredCells
@@ -62,26 +62,8 @@ def test_the_right_one_of_three_valleys_is_found_although_stage_2_ranks_it_third
 
 
 def fit(row: float = 0.0, *, nll: float = 0.0, log_odds: float = 88.0, **changes: object) -> Refined:
-    good = Refined(
-        row=row,
-        col=50.0,
-        altitude_m=800.0,
-        azimuth_bias_deg=0.0,
-        azimuth_bias_sigma_deg=0.1,
-        tilt_bias_deg=0.0,
-        frame_errors_deg=np.zeros((4, 3)),
-        covariance_enu_m2=np.eye(2),
-        neg_log_posterior=0.0,
-        dem_error_m=1.0,
-        correlation_columns=1.0,
-        inlier_share=0.98,
-        prior_chi2=4.0,
-        residual_px={"N": 0.5},
-        mean_column_nll=nll,
-        evidence=log_odds + 2.0,
-        error_model=ErrorModel(0.1, 0.5, 240.0),
-    )
-    return dataclasses.replace(good, **changes)
+    given = {"correlation_columns": 1.0, "mean_column_nll": nll, "evidence": log_odds + 2.0}
+    return refined(row, **(given | changes))
 
 
 def rows(fits) -> list[float]:

@@ -1,9 +1,8 @@
 """From places and their evidence to a status, complete probabilities, and a reason."""
 
-import dataclasses
-
 import numpy as np
 import pytest
+from fits import refined
 
 from localizer.search.decide import (
     decide,
@@ -13,7 +12,6 @@ from localizer.search.decide import (
     rejection_reason,
     with_refined_best,
 )
-from localizer.search.fit.correlated_errors import ErrorModel
 from localizer.search.fit.refine import Refined
 from localizer.search.reasons import no_skyline
 from localizer.search.selection import _rejected_weight
@@ -22,26 +20,8 @@ CELL_M = 30.0
 
 
 def place(row: float = 100.0, **changes: object) -> Refined:
-    good = Refined(
-        row=row,
-        col=50.0,
-        altitude_m=800.0,
-        azimuth_bias_deg=0.1,
-        azimuth_bias_sigma_deg=0.1,
-        tilt_bias_deg=0.0,
-        frame_errors_deg=np.zeros((4, 3)),
-        covariance_enu_m2=np.eye(2),
-        neg_log_posterior=-3000.0,
-        dem_error_m=1.0,
-        correlation_columns=2.0,
-        inlier_share=0.98,
-        prior_chi2=4.0,
-        residual_px={"N": 0.5},
-        mean_column_nll=-5.0,
-        evidence=90.0,
-        error_model=ErrorModel(0.1, 0.5, 240.0),
-    )
-    return dataclasses.replace(good, **changes)
+    given = {"azimuth_bias_deg": 0.1, "neg_log_posterior": -3000.0, "mean_column_nll": -5.0}
+    return refined(row, **(given | changes))
 
 
 def decision(*places: Refined, elsewhere: float = 0.0):

@@ -2,17 +2,14 @@
 
 import numpy as np
 import pytest
-from affine import Affine
-from pyproj import CRS
+from local_map import local_dem
 from seen_from import observe
 
 from localizer.dem.horizon import Terrain, prepare_terrain
-from localizer.dem.lattice import dem_from_array
 from localizer.search.contours import frame_contour
 from localizer.search.fit.problem import ALTITUDE, Problem
 from localizer.search.fit.residuals import evaluate
 
-LOCAL = CRS.from_proj4("+proj=tmerc +lat_0=37 +lon_0=-122 +k=1 +x_0=0 +y_0=0 +ellps=WGS84")
 CELL_M, SIDE, MIDDLE = 100.0, 61, 30
 
 
@@ -22,10 +19,7 @@ def terrain_with(middle_m: float) -> Terrain:
     away = np.hypot(south, east)
     height_m = 500.0 + np.where(away > 20.0, 12.0 * (away - 20.0) * (1.2 + np.sin(0.4 * east)), 0.0)
     height_m[MIDDLE, MIDDLE] += middle_m
-    corner = Affine.translation(-0.5 * SIDE * CELL_M, 0.5 * SIDE * CELL_M)
-    return prepare_terrain(
-        dem_from_array(height_m.astype(np.float32), corner @ Affine.scale(CELL_M, -CELL_M), LOCAL)
-    )
+    return prepare_terrain(local_dem(height_m, CELL_M))
 
 
 def ground_sigma_m(middle_m: float, place: tuple[float, float] = (MIDDLE, MIDDLE)) -> float:

@@ -1,11 +1,11 @@
 """Which frames are suspected, and when the answer without one of them replaces the first."""
 
 import dataclasses
-from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from seen_from import Lens
 
 from localizer.observation import FrameObservation, Observation
 from localizer.search import leave_one_out
@@ -15,22 +15,13 @@ from localizer.search.leave_one_out import check_frames, frame_agreement
 from localizer.search.reasons import no_skyline
 from localizer.search.stage1 import Stage1
 
-
-@dataclass(frozen=True)
-class Lens:
-    width_px: int = 100
-    height_px: int = 100
-    fx_px: float = 1000.0
-    fy_px: float = 1000.0
-    cx_px: float = 49.5
-    cy_px: float = 49.5
-    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+LENS = Lens(100, 100, 1000.0, 1000.0, 49.5, 49.5, (0.0,) * 5)
 
 
 def frame(label: str, points: int = 100, **changes: object) -> FrameObservation:
     seen = FrameObservation(
         label=label,
-        camera=Lens(),
+        camera=LENS,
         azimuth_deg=0.0,
         azimuth_sigma_deg=0.0,
         tilt_deg=0.0,

@@ -5,11 +5,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from affine import Affine
-from pyproj import CRS
+from fits import refined
+from local_map import local_dem
 
 from localizer.dem.horizon import Terrain, prepare_terrain
-from localizer.dem.lattice import dem_from_array
 from localizer.search.fit import local_grid, local_optima
 from localizer.search.fit.correlated_errors import ErrorModel
 from localizer.search.fit.local_grid import grid_optima, grid_second_moment
@@ -18,17 +17,13 @@ from localizer.search.fit.noise import Noise
 from localizer.search.fit.problem import ALTITUDE, EAST, NORTH
 from localizer.search.fit.refine import Refined
 
-LOCAL = CRS.from_proj4("+proj=tmerc +lat_0=37 +lon_0=-122 +k=1 +x_0=0 +y_0=0 +ellps=WGS84")
 CELL_M, SIDE = 30.0, 41
 HOME = (20.0, 20.0)
 NOISE = Noise(3.0, 1.0, ErrorModel(3.0, 0.05, 240.0))
 
 
 def terrain_of(height_m: np.ndarray, error_m: float | None = None) -> Terrain:
-    rows, cols = height_m.shape
-    corner = Affine.translation(-0.5 * cols * CELL_M, 0.5 * rows * CELL_M)
-    dem = dem_from_array(height_m.astype(np.float32), corner @ Affine.scale(CELL_M, -CELL_M), LOCAL)
-    return prepare_terrain(dataclasses.replace(dem, error_m=error_m))
+    return prepare_terrain(dataclasses.replace(local_dem(height_m, CELL_M), error_m=error_m))
 
 
 @pytest.fixture(scope="module")
@@ -38,26 +33,17 @@ def terrain() -> Terrain:
 
 
 def fit_at(row: float = HOME[0], col: float = HOME[1], **changes: object) -> Refined:
-    good = Refined(
-        row=row,
-        col=col,
-        altitude_m=522.0,
-        azimuth_bias_deg=0.1,
-        azimuth_bias_sigma_deg=0.1,
-        tilt_bias_deg=0.0,
-        frame_errors_deg=np.zeros((1, 3)),
-        covariance_enu_m2=np.eye(2),
-        neg_log_posterior=100.0,
-        dem_error_m=1.0,
-        correlation_columns=8.0,
-        inlier_share=0.99,
-        prior_chi2=4.0,
-        residual_px={"N": 0.5},
-        mean_column_nll=-5.0,
-        evidence=90.0,
-        error_model=ErrorModel(0.1, 0.1, 240.0),
-    )
-    return dataclasses.replace(good, **changes)
+    given = {
+        "altitude_m": 522.0,
+        "azimuth_bias_deg": 0.1,
+        "frame_errors_deg": np.zeros((1, 3)),
+        "neg_log_posterior": 100.0,
+        "correlation_columns": 8.0,
+        "inlier_share": 0.99,
+        "mean_column_nll": -5.0,
+        "error_model": ErrorModel(0.1, 0.1, 240.0),
+    }
+    return refined(row, col, **(given | changes))
 
 
 # ---- the grid

@@ -1,10 +1,10 @@
 """The noise that is estimated from residuals of known noise: its size, its length, and what it is bounded by."""
 
-import dataclasses
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from fits import evaluated_columns
 
 from localizer.search.fit.correlated_errors import ErrorModel
 from localizer.search.fit.noise import Noise, estimated_noise, initial_noise, possible_models
@@ -36,25 +36,7 @@ def problem_of(count: int, frames: int = 1, step_m: float = 20.0) -> SimpleNames
 
 
 def evaluated(residual_rad: np.ndarray, **changes: object) -> Evaluation:
-    one = np.ones(len(residual_rad))
-    return dataclasses.replace(
-        Evaluation(
-            residual=residual_rad,
-            jacobian=np.zeros((len(one), 8)),
-            distance=DISTANCE_M * one,
-            near=np.zeros(len(one), bool),
-            near_excess=0.0 * one,
-            dem_edge=np.zeros(len(one), bool),
-            guess_m=DISTANCE_M * one,
-            slope=0.0 * one,
-            error_per_m=one / DISTANCE_M,
-            error_distance_m=DISTANCE_M * one,
-            ground_m=np.nan,
-            ground_gradient=np.zeros(2),
-            ground_sigma_m=0.1,
-        ),
-        **changes,
-    )
+    return evaluated_columns(residual_rad, DISTANCE_M, **({"ground_m": np.nan} | changes))
 
 
 def estimate(residual_rad: np.ndarray, *, by_likelihood: bool, largest_m: float = LARGEST_M, frames: int = 1):

@@ -1,11 +1,11 @@
 """The objective's terms: priors, order and weights of the columns, outliers and occlusion, by numbers written down."""
 
-import dataclasses
 from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from fits import evaluated_columns
 
 from localizer.observation import FrameObservation
 from localizer.search.contours import FrameContour, frame_contour
@@ -36,26 +36,8 @@ UNRELATED_RAD = np.radians(3.0)
 
 
 def evaluated(residual_rad, **changes: object) -> Evaluation:
-    residual = np.asarray(residual_rad, float)
-    one = np.ones(len(residual))
-    return dataclasses.replace(
-        Evaluation(
-            residual=residual,
-            jacobian=np.zeros((len(one), 8)),
-            distance=1000.0 * one,
-            near=np.zeros(len(one), bool),
-            near_excess=0.0 * one,
-            dem_edge=np.zeros(len(one), bool),
-            guess_m=1000.0 * one,
-            slope=0.0 * one,
-            error_per_m=1e-3 * one,
-            error_distance_m=1000.0 * one,
-            ground_m=500.0,
-            ground_gradient=np.array([0.3, -0.2]),
-            ground_sigma_m=4.0,
-        ),
-        **changes,
-    )
+    ground = {"ground_m": 500.0, "ground_gradient": np.array([0.3, -0.2]), "ground_sigma_m": 4.0}
+    return evaluated_columns(residual_rad, **(ground | changes))
 
 
 def problem_of(count: int = 3, **changes: object) -> SimpleNamespace:

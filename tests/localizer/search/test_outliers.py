@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from fits import evaluated_columns
 
 from localizer.search.fit.correlated_errors import ErrorModel, whitened_nll
 from localizer.search.fit.objective import ordered_columns, visible_nll
@@ -27,20 +28,11 @@ def columns(
     residual_rad: np.ndarray, near: bool = False, above_rad: float = 0.0, dem_edge: bool = False
 ) -> Evaluation:
     one = np.ones(len(residual_rad))
-    return Evaluation(
-        residual=residual_rad,
-        jacobian=np.zeros((len(one), 8)),
-        distance=1000.0 * one,
+    return evaluated_columns(
+        residual_rad,
         near=np.full(len(one), near),
         near_excess=above_rad * one,
         dem_edge=np.full(len(one), dem_edge),
-        guess_m=1000.0 * one,
-        slope=0.0 * one,
-        error_per_m=1e-3 * one,
-        error_distance_m=1000.0 * one,
-        ground_m=0.0,
-        ground_gradient=np.zeros(2),
-        ground_sigma_m=0.1,
     )
 
 

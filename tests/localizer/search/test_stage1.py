@@ -4,15 +4,12 @@ import dataclasses
 
 import numpy as np
 import pytest
-from affine import Affine
-from pyproj import CRS
+from local_map import local_dem
 
 from localizer.dem.horizon import Terrain, prepare_terrain
-from localizer.dem.lattice import dem_from_array
 from localizer.search.contours import BINS, STEP_DEG, MeasuredSkyline
 from localizer.search.stage1 import Band, Stage1, bands, heading_offsets_deg, search_stage1
 
-LOCAL = CRS.from_proj4("+proj=tmerc +lat_0=37 +lon_0=-122 +k=1 +x_0=0 +y_0=0 +ellps=WGS84")
 CELL_M = 500.0
 ROWS, COLS = 9, 81
 CAMERA = (4, 10)
@@ -27,11 +24,7 @@ TANGENT = (WALL_M - MAST_M) / DISTANCE_M - DROP_PER_M2 * DISTANCE_M
 
 def terrain_of(height_m: np.ndarray, relief_m: float = 0.0) -> Terrain:
     """Heights around the map's origin; the height differences over half a cell are the same everywhere."""
-    rows, cols = height_m.shape
-    corner = Affine.translation(-0.5 * cols * CELL_M, 0.5 * rows * CELL_M)
-    terrain = prepare_terrain(
-        dem_from_array(height_m.astype(np.float32), corner @ Affine.scale(CELL_M, -CELL_M), LOCAL)
-    )
+    terrain = prepare_terrain(local_dem(height_m, CELL_M))
     return dataclasses.replace(terrain, half_cell_relief_m=np.full(height_m.shape, relief_m, np.float32))
 
 

@@ -9,36 +9,24 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from affine import Affine
-from pyproj import CRS
+from local_map import local_dem
+from seen_from import Lens
 
 from localizer.camera import camera_to_world, project
 from localizer.dem.horizon import Terrain, horizon, prepare_terrain
-from localizer.dem.lattice import dem_from_array
 from localizer.observation import FrameObservation, Observation
 from localizer.search.contours import frame_contour
 from localizer.search.fit.noise import initial_noise
 from localizer.search.fit.problem import Problem
 from localizer.search.fit.refine import Refined, refine
 
-LOCAL = CRS.from_proj4("+proj=tmerc +lat_0=37 +lon_0=-122 +k=1 +x_0=0 +y_0=0 +ellps=WGS84")
 CELL_M, SIDE = 30.0, 121
 PLACE = (60.3, 59.8)
 MAST_M = 2.0
 AZIMUTHS_DEG = (0.0, 90.0, 180.0, 270.0)
 ASIDE_DEG = np.arange(-30.0, 30.1, 2.5)
 FITS = 24
-
-
-@dataclass(frozen=True)
-class Lens:
-    width_px: int = 640
-    height_px: int = 480
-    fx_px: float = 492.8
-    fy_px: float = 492.8
-    cx_px: float = 319.5
-    cy_px: float = 239.5
-    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+LENS = Lens(distortion=(0.0,) * 5)
 
 
 @pytest.fixture(scope="module")
@@ -52,10 +40,7 @@ def terrain() -> Terrain:
     )
     reach = 40.0 + 6.0 * np.sin(2.0 * angle)
     height_m = 500.0 + 0.5 * east - 0.3 * north + rim_m * np.exp(-(((away - reach) / 6.0) ** 2))
-    corner = Affine.translation(-0.5 * SIDE * CELL_M, 0.5 * SIDE * CELL_M)
-    return prepare_terrain(
-        dem_from_array(height_m.astype(np.float32), corner @ Affine.scale(CELL_M, -CELL_M), LOCAL)
-    )
+    return prepare_terrain(local_dem(height_m, CELL_M))
 
 
 @dataclass(frozen=True)
@@ -87,12 +72,12 @@ def observe(terrain: Terrain, errors: Errors, rng: np.random.Generator) -> tuple
         own = slice(number * len(ASIDE_DEG), (number + 1) * len(ASIDE_DEG))
         tilt_deg, roll_deg = float(np.median(elevation_deg[own])), float(rng.normal(0.0, 1.0))
         u, v = project(
-            Lens(), camera_to_world(azimuth, tilt_deg, roll_deg), azimuth_deg[own], elevation_deg[own]
+            LENS, camera_to_world(azimuth, tilt_deg, roll_deg), azimuth_deg[own], elevation_deg[own]
         )
         frames.append(
             FrameObservation(
                 label=str(number),
-                camera=Lens(),
+                camera=LENS,
                 azimuth_deg=azimuth + azimuth_bias_deg + rng.normal(0.0, 0.1),
                 azimuth_sigma_deg=0.1,
                 tilt_deg=tilt_deg + tilt_bias_deg + rng.normal(0.0, 0.05),

@@ -6,12 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from affine import Affine
-from pyproj import CRS
+from local_map import local_dem
 from seen_from import observe
 
 from localizer.dem.horizon import Terrain, horizon, prepare_terrain
-from localizer.dem.lattice import dem_from_array, load_dem
+from localizer.dem.lattice import load_dem
 from localizer.observation import Observation
 from localizer.search.answer import Located
 from localizer.search.coarse_to_fine import Cutoff, RankedCells, likeliest_cells
@@ -22,7 +21,6 @@ from localizer.search.stage1 import bands, heading_offsets_deg, search_stage1
 from localizer.search.stage2 import ScoredCells
 
 SANTA_CRUZ = Path(__file__).parents[3] / "sim" / "terrain" / "santa_cruz_srtm_1s.tif"
-LOCAL = CRS.from_proj4("+proj=tmerc +lat_0=37 +lon_0=-122 +k=1 +x_0=0 +y_0=0 +ellps=WGS84")
 CELL_M = 30.0
 SIDE = 220
 ROW, COL = 300, 300
@@ -37,11 +35,7 @@ def crop_m() -> np.ndarray:
 
 def terrain_of(height_m: np.ndarray) -> Terrain:
     """Around the origin of a map of the place, so that north is up all over it."""
-    rows, cols = height_m.shape
-    corner = Affine.translation(-0.5 * cols * CELL_M, 0.5 * rows * CELL_M)
-    return prepare_terrain(
-        dem_from_array(np.ascontiguousarray(height_m), corner @ Affine.scale(CELL_M, -CELL_M), LOCAL)
-    )
+    return prepare_terrain(local_dem(height_m, CELL_M))
 
 
 def side_by_side(crop_m: np.ndarray, copies: int) -> Terrain:

@@ -5,7 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 from affine import Affine
-from pyproj import CRS, Geod
+from fits import refined
+from local_map import LOCAL, local_dem
+from pyproj import Geod
 
 from localizer.dem.geodesy import rowcol_to_lonlat
 from localizer.dem.horizon import Terrain, prepare_terrain
@@ -24,7 +26,6 @@ from localizer.track.mixture import Hypothesis, Mixture, Posterior
 from localizer.track.odometry import Movement
 from localizer.track.tracker import Tracker, follow, stands_out
 
-LOCAL = CRS.from_proj4("+proj=tmerc +lat_0=37 +lon_0=-122 +k=1 +x_0=0 +y_0=0 +ellps=WGS84")
 CELL_M, SIDE = 30.0, 201
 HOME = (100.0, 100.0)
 BLIND = Observation((), 2.0, None, np.inf, 1.0, 0.02)
@@ -33,33 +34,19 @@ BLIND = Observation((), 2.0, None, np.inf, 1.0, 0.02)
 @pytest.fixture(scope="module")
 def terrain() -> Terrain:
     """Flat ground of 6 km by 6 km."""
-    corner = Affine.translation(-0.5 * SIDE * CELL_M, 0.5 * SIDE * CELL_M)
-    return prepare_terrain(
-        dem_from_array(np.zeros((SIDE, SIDE), np.float32), corner @ Affine.scale(CELL_M, -CELL_M), LOCAL)
-    )
+    return prepare_terrain(local_dem(np.zeros((SIDE, SIDE)), CELL_M))
 
 
-def refined(row: float = HOME[0], col: float = HOME[1], **changes: object) -> Refined:
-    good = Refined(
-        row=row,
-        col=col,
-        altitude_m=2.0,
-        azimuth_bias_deg=0.0,
-        azimuth_bias_sigma_deg=0.1,
-        tilt_bias_deg=0.0,
-        frame_errors_deg=np.zeros((1, 3)),
-        covariance_enu_m2=np.array([[25.0, 5.0], [5.0, 16.0]]),
-        neg_log_posterior=0.0,
-        dem_error_m=1.0,
-        correlation_columns=2.0,
-        inlier_share=0.98,
-        prior_chi2=4.0,
-        residual_px={"N": 0.5},
-        mean_column_nll=-5.0,
-        evidence=60.0,
-        error_model=ErrorModel(0.1, 0.1, 240.0),
-    )
-    return dataclasses.replace(good, **changes)
+def place(row: float = HOME[0], col: float = HOME[1], **changes: object) -> Refined:
+    given = {
+        "altitude_m": 2.0,
+        "frame_errors_deg": np.zeros((1, 3)),
+        "covariance_enu_m2": np.array([[25.0, 5.0], [5.0, 16.0]]),
+        "mean_column_nll": -5.0,
+        "evidence": 60.0,
+        "error_model": ErrorModel(0.1, 0.1, 240.0),
+    }
+    return refined(row, col, **(given | changes))
 
 
 def located(*places: tuple[Refined, float], status: str = "fix", elsewhere: float = 0.0) -> Located:
@@ -136,17 +123,17 @@ def test_the_circle_is_five_sigma_and_five_cells_about_the_likeliest_place(terra
 @pytest.mark.parametrize(
     ("found", "mode"),
     [
-        (located((refined(), 0.99)), "bootstrap"),
-        (located((refined(col=HOME[1] + 179.0 / CELL_M), 0.99)), "bootstrap"),  # 0.9 of 200 m
-        (located((refined(col=HOME[1] + 181.0 / CELL_M), 0.99)), "whole DEM after bootstrap failed"),
-        (located((refined(row=HOME[0] - 181.0 / CELL_M), 0.99)), "whole DEM after bootstrap failed"),
-        (located((refined(evidence=57.0), 0.99)), "bootstrap"),  # 0.95 of the last one's 60
-        (located((refined(evidence=56.9), 0.99)), "whole DEM after bootstrap failed"),
-        (located((refined(), 0.99), status="ambiguous"), "whole DEM after bootstrap failed"),
+        (located((place(), 0.99)), "bootstrap"),
+        (located((place(col=HOME[1] + 179.0 / CELL_M), 0.99)), "bootstrap"),  # 0.9 of 200 m
+        (located((place(col=HOME[1] + 181.0 / CELL_M), 0.99)), "whole DEM after bootstrap failed"),
+        (located((place(row=HOME[0] - 181.0 / CELL_M), 0.99)), "whole DEM after bootstrap failed"),
+        (located((place(evidence=57.0), 0.99)), "bootstrap"),  # 0.95 of the last one's 60
+        (located((place(evidence=56.9), 0.99)), "whole DEM after bootstrap failed"),
+        (located((place(), 0.99), status="ambiguous"), "whole DEM after bootstrap failed"),
     ],
 )
 def test_what_is_found_around_a_place_counts_if_it_convinces(terrain, searched, found, mode):
-    circles = searched(found, located((refined(), 0.99)))
+    circles = searched(found, located((place(), 0.99)))
     start = knowing(hypothesis(terrain), since_m=(0.0, 0.0))
     step = follow(start, Movement(np.zeros(2), 1e-6 * np.eye(2)), terrain, BLIND, "a look")
     assert step.mode == mode
@@ -154,7 +141,7 @@ def test_what_is_found_around_a_place_counts_if_it_convinces(terrain, searched, 
 
 
 def test_where_nothing_is_known_the_whole_dem_is_searched(terrain, searched):
-    circles = searched(located((refined(), 0.99)))
+    circles = searched(located((place(), 0.99)))
     assert follow(Tracker(), None, terrain, BLIND, "a look").mode == "whole DEM"
     assert circles == [None]
 
@@ -163,7 +150,7 @@ def test_where_nothing_is_known_the_whole_dem_is_searched(terrain, searched):
 
 
 def test_a_measurement_has_half_its_covariance_in_common_and_a_quarter_cell_of_model_error(terrain):
-    found = located((refined(evidence=23.0), 0.7), (refined(col=150.0, evidence=80.0), 0.2))
+    found = located((place(evidence=23.0), 0.7), (place(col=150.0, evidence=80.0), 0.2))
     measurement = module._measurement(
         terrain, found, list(zip(found.decision.candidates, (0.7, 0.2), strict=True)), 9e6
     )
@@ -207,7 +194,7 @@ def test_a_hypothesis_is_a_fix_by_the_criteria_of_a_search(terrain, changes, is_
 
 
 def combined(terrain: Terrain, *posteriors: tuple[Hypothesis, int | None]) -> Located:
-    found = located((refined(evidence=30.0), 0.6), (refined(col=150.0), 0.4), status="ambiguous")
+    found = located((place(evidence=30.0), 0.6), (place(col=150.0), 0.4), status="ambiguous")
     candidates = list(zip(found.decision.candidates, (0.6, 0.4), strict=True))
     return module._combined(terrain, found, candidates, tuple(Posterior(h, n) for h, n in posteriors))
 
@@ -249,7 +236,7 @@ def test_a_search_that_fits_only_what_the_track_excludes_is_no_answer(terrain):
 
 def step_after(terrain, searched, moved_m: float, evidence: float):
     """A look that agrees with the track, after a movement since the last one that counted."""
-    found = located((refined(evidence=evidence), 1.0))
+    found = located((place(evidence=evidence), 1.0))
     searched(*[found] * 2)
     start = knowing(hypothesis(terrain, probability=0.5, evidence=20.0), since_m=(0.0, moved_m - 10.0))
     before = Mixture(hypotheses=(hypothesis(terrain, probability=0.3, evidence=20.0),))
@@ -310,9 +297,9 @@ def test_without_a_place_the_track_goes_on_with_what_it_knew(terrain, searched):
 
 
 def test_the_answer_without_a_frame_that_contradicts_the_others_is_followed(terrain, monkeypatch):
-    right = located((refined(col=120.0), 1.0))
+    right = located((place(col=120.0), 1.0))
     monkeypatch.setattr(
-        module, "locate", lambda terrain, observation: located((refined(), 1.0), status="ambiguous")
+        module, "locate", lambda terrain, observation: located((place(), 1.0), status="ambiguous")
     )
     monkeypatch.setattr(module, "check_located", lambda *_: CheckedAnswer(right, {"E": 0.1}, "E"))
     step = follow(Tracker(), None, terrain, BLIND, "a look")

@@ -1,24 +1,13 @@
 """The average of accelerometer samples: temperature, samples that are no gravity, knocks, and few samples."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
+from fakes.acceleration import STRAIGHT, Sample
 
 from rig.attitude.accelerometer import AccelerometerCorrection
 from rig.attitude.kinematics import Attitude, JointAngles, body_attitude, head_rotation
 from rig.attitude.level import HeadLevel, LevelReading, LevelSigmas, base_level, head_level
 from rig.errors import DeviceError
-
-STRAIGHT = ("+x", "+y", "+z")
-
-
-@dataclass(frozen=True)
-class Sample:
-    x_g: float
-    y_g: float
-    z_g: float | None
-    temperature_c: float = 20.0
 
 
 def test_the_drift_is_that_of_the_mean_temperature() -> None:

@@ -1,9 +1,8 @@
 """Tilt and roll of the head, and the base's attitude, from accelerometer readings."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
+from fakes.acceleration import STRAIGHT, Sample
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -20,17 +19,8 @@ from rig.attitude.level import (
 )
 from rig.errors import DeviceError
 
-STRAIGHT = ("+x", "+y", "+z")
 SIGMAS = LevelSigmas(tilt_deg=0.01, roll_deg=0.02, zero_deg=0.02, joint_deg=0.1)
 PANS_DEG = (-135.0, -45.0, 45.0, 135.0)
-
-
-@dataclass(frozen=True)
-class Sample:
-    x_g: float
-    y_g: float
-    z_g: float | None
-    temperature_c: float = 20.0
 
 
 def samples(up: np.ndarray, count: int, noise_g: float, seed: int = 1) -> list[Sample]:

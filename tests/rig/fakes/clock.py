@@ -10,7 +10,7 @@ TRANSFER_S = 0.0003  # some twelve bytes at 400 kHz
 
 
 class FakeClock:
-    """In place of ``time.monotonic`` and ``time.sleep``."""
+    """In place of ``time.monotonic`` and ``time.sleep``: a simulated chip, which knows no clock of ``rig``, runs on it too."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now_s = 1000.0
