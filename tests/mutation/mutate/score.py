@@ -73,7 +73,7 @@ class Book:
 
 def share_noticed(score: Score, explanations: dict[str, str]) -> float:
     """Share of the mutants that a test noticed, of those that are not equivalent to the module."""
-    equivalent = sum(_is_equivalent(explanations.get(name, "")) for name in score.survivors)
+    equivalent = _equivalent(score, explanations)
     different = score.tried - equivalent
     return 1.0 - (len(score.survivors) - equivalent) / different if different else 1.0
 
@@ -82,8 +82,8 @@ def unexplained(score: Score, explanations: dict[str, str]) -> list[str]:
     return [name for name in score.survivors if name not in explanations]
 
 
-def _is_equivalent(explanation: str) -> bool:
-    return explanation.startswith(EQUIVALENT)
+def _equivalent(score: Score, explanations: dict[str, str]) -> int:
+    return sum(explanations.get(name, "").startswith(EQUIVALENT) for name in score.survivors)
 
 
 def table(book: Book) -> str:
@@ -96,7 +96,7 @@ def table(book: Book) -> str:
     stale = book.stale()
     for module, score in sorted(book.scores().items()):
         own = explanations.get(module, {})
-        equivalent = sum(_is_equivalent(own.get(name, "")) for name in score.survivors)
+        equivalent = _equivalent(score, own)
         open_ones = len(unexplained(score, own))
         tried = f"{score.tried}" if score.tried == score.mutants else f"{score.tried} of {score.mutants}"
         lines.append(
